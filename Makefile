@@ -1,0 +1,49 @@
+# One environment, made from the lock; every other target runs inside it.
+PYTHON ?= python3
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check -q
+unexport VIRTUAL_ENV PYTHONHOME PYTHONPATH
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help demo test slow check format lock clean
+
+help:  ## list the targets
+	@awk -F ':.*## ' '/^[a-z.]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+demo: .venv/.stamp  ## write the report into report/ (more options: make demo ARGS="...")
+	$(BIN)/jaxobs demo --out report $(ARGS)
+
+test: check  ## check, then every test that is not slow
+	$(BIN)/pytest -m "not slow" -n 2 --dist loadfile
+
+slow: .venv/.stamp  ## the full counts and long runs
+	$(BIN)/pytest -m slow
+
+check: .venv/.stamp  ## lint, format and types, changing nothing
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/basedpyright
+
+format: .venv/.stamp  ## format the source and mend what the linter can
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+lock: .venv/.stamp  ## bring requirements.lock in line with pyproject.toml (every pin anew: make lock ARGS=--upgrade)
+	$(BIN)/pip-compile pyproject.toml --extra dev --output-file requirements.lock --quiet --strip-extras \
+	  --allow-unsafe --generate-hashes --no-header --no-annotate \
+	  --no-emit-index-url --no-emit-trusted-host --no-emit-find-links $(ARGS)
+
+clean:  ## remove the environment and everything generated
+	rm -rf .venv report dist .hypothesis .pytest_cache .ruff_cache
+	find jaxobs tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Rebuilt from nothing when stale: what the lock no longer names must not linger.
+.venv/.stamp: requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "jaxobs needs Python 3.11 or newer; say which: make PYTHON=python3.11 ..." >&2; exit 1; }
+	$(PYTHON) -m venv --clear .venv
+	$(PIP) install --require-hashes -r requirements.lock
+	$(PIP) install --no-deps --no-build-isolation -e .
+	@touch $@
+
+.venv: .venv/.stamp  ## the environment

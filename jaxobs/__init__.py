@@ -1,0 +1,64 @@
+"""jaxobs: nonlinear state observers in JAX, their design, proof, tuning and study.
+
+    plant --design--> (observer, certificate) --simulate--> figures and tables
+
+Every name is loaded at its first use; importing jaxobs sets no global configuration.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from jaxobs._version import __version__ as __version__
+
+if TYPE_CHECKING:
+    # fmt: off
+    from jaxobs import certificates as certificates
+    from jaxobs import datasets as datasets
+    from jaxobs import designs as designs
+    from jaxobs import hurwitz as hurwitz
+    from jaxobs import integrators as integrators
+    from jaxobs import linalg as linalg
+    from jaxobs import metrics as metrics
+    from jaxobs import noise as noise
+    from jaxobs import observers as observers
+    from jaxobs import plants as plants
+    from jaxobs import signals as signals
+    from jaxobs import studies as studies
+    from jaxobs._differentiate import differentiate as differentiate
+    from jaxobs._module import astype as astype
+    from jaxobs._observe import Estimate as Estimate
+    from jaxobs._observe import observe as observe
+    from jaxobs._simulate import Trajectory as Trajectory
+    from jaxobs._simulate import simulate as simulate
+    from jaxobs.studies import Family as Family
+    from jaxobs.studies import grid as grid
+    from jaxobs.studies import over as over
+    # fmt: on
+
+_MODULES = (
+    "certificates", "datasets", "designs", "hurwitz", "integrators", "linalg",
+    "metrics", "noise", "observers", "plants", "signals", "studies",
+)  # fmt: skip
+_NAMES = {
+    "Estimate": "_observe",
+    "Family": "studies",
+    "Trajectory": "_simulate",
+    "astype": "_module",
+    "differentiate": "_differentiate",
+    "grid": "studies",
+    "observe": "_observe",
+    "over": "studies",
+    "simulate": "_simulate",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _NAMES:
+        return getattr(importlib.import_module(f"jaxobs.{_NAMES[name]}"), name)
+    if name in _MODULES:
+        return importlib.import_module(f"jaxobs.{name}")
+    raise AttributeError(f"module 'jaxobs' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(["__version__", *_MODULES, *_NAMES])

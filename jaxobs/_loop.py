@@ -1,0 +1,123 @@
+"""The one loop: estimate at each sample, then move on. `observe` runs it on a record, `simulate` on a plant."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxobs._module import Module, Scalar, concrete, refuse
+from jaxobs.observers import AbstractStepObserver, Observer
+
+
+class Sample(NamedTuple):
+    """What is given at t_k: the step to the next sample, u_k, the record y_k or the noise w_k, and the disturbance E d_k."""
+
+    k: Int[Array, "..."]
+    t: Float[Array, "..."]
+    dt: Float[Array, "..."]
+    u: Float[Array, "... m"]
+    y: Float[Array, "... p"]
+    valid: Bool[Array, "... p"]
+    d: Any = None
+
+
+Advance = Callable[[Any, Any, Sample, Array, Array], tuple[Any, Any]]  # (x, z, sample, y, held) -> the next (x, z)
+
+
+def run(
+    observer: Observer,
+    x: Any,
+    z: Any,
+    samples: Sample,
+    measure: Callable[[Any, Sample], Float[Array, " p"]],
+    advance: Advance,
+    hold_innovation: bool,
+) -> tuple[Any, Float[Array, "T n"], Float[Array, "T p"], Float[Array, "T p"]]:
+    """(x, xhat, y, innovation) at every sample. An invalid y is replaced by the expected one: its innovation is zero, or, with
+    `hold_innovation`, that of the last valid sample."""
+
+    def body(carry, sample):
+        x, z, held = carry
+        time = sample.k if isinstance(observer, AbstractStepObserver) else sample.t
+        expected = observer.predict(time, z, sample.u)
+        seen = measure(x, sample)
+        innovation = jnp.where(sample.valid, seen - expected, held)
+        y = jnp.where(sample.valid, seen, expected + held)
+        held = innovation if hold_innovation else held
+        xhat = observer.estimate(time, z, sample.u, y)
+        return (*advance(x, z, sample, y, held), held), (x, xhat, y, innovation)
+
+    held = jnp.zeros(samples.y.shape[1:], samples.y.dtype)
+    return jax.lax.scan(body, (x, z, held), samples)[1]
+
+
+class Grid(NamedTuple):
+    """Times and steps in the precision of the run; the steps are differences taken in float64."""
+
+    ts: Float[Array, " T"]
+    dts: Float[Array, " T"]
+    spacing: Scalar
+
+
+def time_grid(owner: str, ts: Any, dtype: Any, uniform: bool) -> Grid:
+    """Checks (where the values are concrete): one axis, two samples at least, finite, increasing, and uniform if asked."""
+    if np.ndim(ts) != 1 or np.shape(ts)[0] < 2:
+        raise refuse(owner, "ts", f"shape {np.shape(ts)}", "(T,) with T >= 2", "Give one time for each sample.")
+    known = concrete(ts)
+    if known is None:
+        dts = jnp.diff(ts)
+        return Grid(ts.astype(dtype), _with_last(dts).astype(dtype), jnp.mean(dts).astype(dtype))
+    known = known.astype(np.float64)
+    if not np.all(np.isfinite(known)):
+        row = int(np.argmin(np.isfinite(known)))
+        raise refuse(owner, "ts", f"ts[{row}] = {known[row]}", "finite times", "Drop or interpolate that row.")
+    dts = np.diff(known)
+    if not np.all(dts > 0):
+        row = int(np.argmin(dts > 0)) + 1
+        given = f"ts[{row}] = {known[row]:.9g} after ts[{row - 1}] = {known[row - 1]:.9g}"
+        raise refuse(owner, "ts", given, "increasing times", "Sort the record and drop doubled rows.")
+    spacing = (known[-1] - known[0]) / len(dts)
+    if uniform and np.max(np.abs(dts - spacing)) > 0.5 * spacing:
+        row = int(np.argmax(np.abs(dts - spacing))) + 1
+        given = f"a step of {dts[row - 1]:.6g} s before row {row}, {spacing:.6g} s on average"
+        raise refuse(
+            owner, "ts", given, "an even spacing", "Fill gaps with NaN rows (they count as lost samples), or resample."
+        )
+    return Grid(jnp.asarray(known, dtype), jnp.asarray(_with_last(dts), dtype), jnp.asarray(spacing, dtype))
+
+
+def _with_last(dts: Any) -> Any:
+    """One step for each sample; the last one leads nowhere and repeats its predecessor."""
+    return jnp.concatenate([dts, dts[-1:]]) if isinstance(dts, jax.Array) else np.append(dts, dts[-1])
+
+
+def check_period(owner: str, observer: Module, spacing: Scalar) -> None:
+    """An observer made for one sampling period meets data of that period, to 1e-3 (recorded clocks jitter)."""
+    period = getattr(observer, "dt", None)
+    if period is None:
+        return
+    given, made_for = concrete(spacing), concrete(period)
+    if given is not None and made_for is not None and abs(given / made_for - 1) > 1e-3:
+        raise refuse(
+            owner, "ts", f"samples {given:.6g} s apart", f"{type(observer).__name__}.dt = {made_for:.6g} s",
+            "Build the observer for the spacing of the data, or resample the data.",
+        )  # fmt: skip
+
+
+def divergence_time(ts: Float[Array, " T"], *paths: Float[Array, "T ..."]) -> Scalar:
+    """The first time with a value that is not finite; infinity if there is none."""
+    good = jnp.stack([jnp.all(jnp.isfinite(path.reshape(path.shape[0], -1)), axis=1) for path in paths]).all(axis=0)
+    return jnp.where(jnp.all(good), jnp.inf, ts[jnp.argmin(good)])
+
+
+def as_state(owner: str, field: str, value: Any, size: int, dtype: Any) -> Float[Array, " size"]:
+    """An initial state as a float vector of the right length, finite where it is concrete."""
+    if np.shape(value) != (size,):
+        raise refuse(owner, field, f"shape {np.shape(value)}", f"({size},)", "Give one number for each state.")
+    known = concrete(value)
+    if known is not None and not np.all(np.isfinite(known)):
+        raise refuse(owner, field, known, "finite numbers", "Start from a finite guess, zeros if nothing is known.")
+    return jnp.asarray(value, dtype)

@@ -1,0 +1,149 @@
+"""A plant, and the same loop: truth, measurement and estimate together."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jaxobs._loop import Sample, as_state, check_period, divergence_time, run, time_grid
+from jaxobs._module import Module, Numbers, Scalar, check, dtype_of, refuse
+from jaxobs.integrators import RK4, AbstractIntegrator, Field
+from jaxobs.noise import AbstractNoise, Silent
+from jaxobs.observers import AbstractFlowObserver, Observer
+from jaxobs.plants import AbstractFlowPlant, AbstractPlant
+from jaxobs.signals import AbstractSignal, Zero
+
+
+class Trajectory(Module):
+    """Truth and estimate on the grid. y = h(x, u) + w where valid, the expected output elsewhere.
+
+    diverged_at [s] is the first time at which x or xhat is not finite, infinity if they always are.
+    """
+
+    ts: Float[Array, " T"]
+    x: Float[Array, "T n"]
+    xhat: Float[Array, "T n"]
+    y: Float[Array, "T p"]
+    valid: Bool[Array, "T p"]
+    u: Float[Array, "T m ..."]
+    innovation: Float[Array, "T p"]
+    diverged_at: Scalar
+
+
+def simulate(
+    plant: AbstractPlant,
+    observer: Observer,
+    *,
+    x0: Numbers,
+    xhat0: Numbers,
+    ts: Numbers,
+    signal: AbstractSignal | None = None,
+    noise: AbstractNoise | None = None,
+    disturbance: AbstractNoise | None = None,
+    key: Any = None,
+    integrator: AbstractIntegrator | None = None,
+    hold_innovation: bool = False,
+) -> Trajectory:
+    """The plant from x0 and the observer from xhat0 over the grid ts, with noise and disturbance sampled on it and held.
+
+    Flow plant and flow observer are integrated jointly by `integrator` (RK4() if none): the observer sees h(x(t)) + w_k, only
+    the noise is held. With a step observer the integrator drives the plant alone and the observer sees samples. A step plant
+    takes step observers only. The disturbance enters through plant.disturbance_matrix(). `key` feeds both streams
+    independently. The observer's model and the plant are two objects and may differ. Works under jit, vmap and grad.
+    ValueError names the argument that does not fit.
+    """
+    check(plant)
+    check(observer)
+    signal = Zero(plant.m) if signal is None else signal
+    integrator = RK4() if integrator is None else integrator
+    dtype = _agree(plant, observer, signal, noise, disturbance, key)
+    grid = time_grid("simulate", ts, dtype, uniform=integrator.needs_uniform_grid or hasattr(observer, "dt"))
+    check_period("simulate", observer, grid.spacing)
+    check_period("simulate", plant, grid.spacing)
+    start = as_state("simulate", "x0", x0, plant.n, dtype), as_state("simulate", "xhat0", xhat0, observer.n, dtype)
+    return _simulate(plant, observer, *start, grid, signal, noise, disturbance, key, integrator, hold_innovation)
+
+
+@eqx.filter_jit
+def _simulate(plant, observer, x0, xhat0, grid, signal, noise, disturbance, key, integrator, hold_innovation) -> Trajectory:
+    ts, dtype = grid.ts, x0.dtype
+    count = ts.shape[0]
+    noise_key, disturbance_key = jax.random.split(jax.random.key(0) if key is None else key)
+    w, valid = (noise or Silent()).sample(noise_key, ts, plant.p)
+    d = jnp.zeros((count, plant.n), dtype)
+    if disturbance is not None:
+        e = plant.disturbance_matrix()
+        d = disturbance.sample(disturbance_key, ts, e.shape[1])[0].astype(dtype) @ e.T
+    us = jax.vmap(signal)(ts)
+    samples = Sample(jnp.arange(count), ts, grid.dts, us, w.astype(dtype), valid, d)
+    step_plant = not isinstance(plant, AbstractFlowPlant)
+    joint = isinstance(observer, AbstractFlowObserver)
+
+    def measure(x, sample):
+        return plant.h(x, sample.u) + sample.y
+
+    def plant_field(sample):
+        def split(t, x):
+            a, b = plant.split(t, x, signal(t))
+            return a, b + sample.d
+
+        return Field(lambda t, x: plant.flow(t, x, signal(t)) + sample.d, split if hasattr(plant, "split") else None)
+
+    def joint_field(sample, held):
+        def seen(t, x, z, u):
+            return jnp.where(sample.valid, plant.h(x, u) + sample.y, observer.predict(t, z, u) + held)
+
+        def flow(t, xz):
+            (x, z), u = xz, signal(t)
+            return plant.flow(t, x, u) + sample.d, observer.flow(t, z, u, seen(t, x, z, u))
+
+        def split(t, xz):
+            (x, z), u = xz, signal(t)
+            a, b = observer.split(t, z, u, seen(t, x, z, u))
+            return (None, a), (plant.flow(t, x, u) + sample.d, b)
+
+        return Field(flow, split if hasattr(observer, "split") else None)
+
+    z0 = observer.init(xhat0)
+    first = jax.tree.map(lambda path: path[0], samples)
+    cache = None
+    if joint:
+        cache = integrator.prepare(joint_field(first, jnp.zeros_like(first.y)), grid.spacing, (x0, z0))
+    elif not step_plant:
+        cache = integrator.prepare(plant_field(first), grid.spacing, x0)
+
+    def advance(x, z, sample, y, held):
+        if joint:
+            return integrator.step(joint_field(sample, held), cache, sample.t, sample.dt, (x, z))
+        z = observer.step(sample.k, z, sample.u, y)
+        if step_plant:
+            return plant.step(sample.k, x, sample.u) + sample.d, z
+        return integrator.step(plant_field(sample), cache, sample.t, sample.dt, x), z
+
+    x, xhat, y, innovation = run(observer, x0, z0, samples, measure, advance, hold_innovation)
+    return Trajectory(ts, x, xhat, y, valid, us, innovation, divergence_time(ts, x, xhat))
+
+
+def _agree(plant, observer, signal, noise, disturbance, key) -> Any:
+    """The parts fit each other; returns their common precision."""
+    if not isinstance(plant, AbstractFlowPlant) and isinstance(observer, AbstractFlowObserver):
+        raise refuse(
+            "simulate", "observer", f"the flow observer {type(observer).__name__} for a step plant", "a step observer",
+            "Wrap it: jaxobs.observers.Sampled(observer, integrator, dt).",
+        )  # fmt: skip
+    if observer.p != plant.p:
+        raise refuse(
+            "simulate", "observer", f"p = {observer.p} outputs", f"the plant's p = {plant.p}", "Match the output maps."
+        )
+    if signal.m != plant.m:
+        fix = "Give a signal with one component for each input."
+        raise refuse("simulate", "signal", f"m = {signal.m} inputs", f"the plant's m = {plant.m}", fix)
+    if key is None and (noise is not None or disturbance is not None):
+        raise refuse("simulate", "key", "None", "a PRNG key", "Noise and disturbance draw from it: key=jax.random.key(0).")
+    dtypes = {name: dtype_of(part) for name, part in (("plant", plant), ("observer", observer))}
+    if dtypes["plant"] != dtypes["observer"]:
+        fix = "Convert one of them with jaxobs.astype(part, dtype)."
+        raise refuse("simulate", "observer", f"precision {dtypes['observer']}", f"the plant's {dtypes['plant']}", fix)
+    return dtypes["plant"]

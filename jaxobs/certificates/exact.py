@@ -1,0 +1,80 @@
+"""Exact linear algebra for certificates: every float is a dyadic rational, so nothing is rounded from here on."""
+
+import math
+from collections.abc import Sequence
+from fractions import Fraction
+
+Matrix = list[list[Fraction]]
+
+
+def leading_minors(matrix: Matrix) -> list[int]:
+    """The signs-preserving integer leading minors, by fraction-free (Bareiss) elimination after clearing denominators.
+
+    The k-th value is the k-th leading minor times a positive number. Elimination stops after the first that is not positive.
+    """
+    common = math.lcm(*(entry.denominator for row in matrix for entry in row))
+    a = [[int(entry * common) for entry in row] for row in matrix]
+    n, previous, minors = len(a), 1, []
+    for k in range(n):
+        minors.append(a[k][k])
+        if a[k][k] <= 0:
+            break
+        for i in range(k + 1, n):
+            for j in range(k + 1, n):
+                a[i][j] = (a[i][j] * a[k][k] - a[i][k] * a[k][j]) // previous
+        previous = a[k][k]
+    return minors
+
+
+def is_positive_definite(matrix: Matrix) -> bool:
+    """Sylvester's criterion: symmetric with all leading minors positive."""
+    n = len(matrix)
+    symmetric = all(matrix[i][j] == matrix[j][i] for i in range(n) for j in range(i))
+    minors = leading_minors(matrix)
+    return symmetric and len(minors) == n and minors[-1] > 0
+
+
+def inverse_corner(matrix: Matrix) -> Fraction:
+    """(M^-1)_nn of a positive definite M: the ratio of its last two leading minors."""
+    common = math.lcm(*(entry.denominator for row in matrix for entry in row))
+    minors = [1, *leading_minors(matrix)]
+    return Fraction(minors[-2], minors[-1]) * common
+
+
+def combine(a: Fraction, x: Matrix, b: Fraction, y: Matrix) -> Matrix:
+    """a X + b Y."""
+    return [[a * p + b * q for p, q in zip(row, other, strict=True)] for row, other in zip(x, y, strict=True)]
+
+
+def diagonal(entries: Sequence[Fraction]) -> Matrix:
+    n = len(entries)
+    return [[entries[i] if i == j else Fraction(0) for j in range(n)] for i in range(n)]
+
+
+def chain_weights(alphas: Sequence[Fraction]) -> list[Fraction]:
+    """q_i = alpha_i^2 + 2 sum_j (-1)^j alpha_{i-j} alpha_{i+j} (paper 000, the corrected (8))."""
+    a, n = [Fraction(1), *alphas], len(alphas)
+    return [a[i] ** 2 + 2 * sum((-1) ** j * a[i - j] * a[i + j] for j in range(1, min(i, n - i) + 1)) for i in range(1, n + 1)]
+
+
+def chain_riccati(alphas: Sequence[Fraction]) -> Matrix:
+    """P~_ij = sum_{m < min(i,j)} (-1)^m alpha_{max+m} alpha_{min-1-m} (paper 000, (18)-(21) in closed form)."""
+    a, n = [Fraction(1), *alphas], len(alphas)
+
+    def entry(i: int, j: int) -> Fraction:
+        high, low = max(i, j), min(i, j)
+        return sum(((-1) ** m * a[high + m] * a[low - 1 - m] for m in range(low) if high + m <= n), Fraction(0))
+
+    return [[entry(i, j) for j in range(1, n + 1)] for i in range(1, n + 1)]
+
+
+def riccati_residual_is_zero(p: Matrix, q: Sequence[Fraction]) -> bool:
+    """Whether A P + P A' - P C'C P + diag(q) = 0 for the chain: A the shift, C = e_1'."""
+    n = len(p)
+
+    def shifted(i: int, j: int) -> Fraction:  # (A P)_ij
+        return p[i + 1][j] if i + 1 < n else Fraction(0)
+
+    return all(
+        shifted(i, j) + shifted(j, i) - p[i][0] * p[j][0] + (q[i] if i == j else 0) == 0 for i in range(n) for j in range(n)
+    )

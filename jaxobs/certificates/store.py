@@ -1,0 +1,46 @@
+"""Certificates from files."""
+
+import dataclasses
+import json
+import typing
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from jaxobs.certificates.base import FORMAT, AbstractCertificate, decode, digest
+from jaxobs.certificates.condition5 import Condition5
+
+THEOREMS: dict[str, type[AbstractCertificate]] = {Condition5.theorem: Condition5}
+
+
+def load(path: str | PathLike[str]) -> AbstractCertificate:
+    """The certificate in a file. ValueError if it is no certificate, of an unknown theorem, or damaged (hash).
+
+    Loading proves nothing: `verify()` does.
+    """
+    try:
+        data = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise ValueError(f"{path}: given text that is not JSON ({error}); expected a {FORMAT} file") from error
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        raise ValueError(f"{path}: given no {FORMAT} file; expected one written by Certificate.to_json")
+    body = {key: value for key, value in data.items() if key != "sha256"}
+    if data.get("sha256") != digest(body):
+        raise ValueError(f"{path}: given contents that do not match their SHA-256; expected an undamaged file")
+    kind = THEOREMS.get(str(data.get("theorem")))
+    if kind is None:
+        raise ValueError(f"{path}: given theorem {data.get('theorem')!r}; expected one of {', '.join(THEOREMS)}")
+    return kind(**_fields(path, kind, data))
+
+
+def _fields(path: Any, kind: type[AbstractCertificate], data: dict[str, Any]) -> dict[str, Any]:
+    hints = typing.get_type_hints(kind)
+    values = {}
+    for field in dataclasses.fields(kind):
+        if field.name not in data:
+            raise ValueError(f"{path}: given no {field.name!r}; expected it for theorem {kind.theorem}")
+        try:
+            values[field.name] = decode(data[field.name], hints[field.name])
+        except (ValueError, OverflowError) as error:
+            raise ValueError(f"{path}: {field.name}: {error}") from error
+    return values

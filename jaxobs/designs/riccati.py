@@ -1,0 +1,121 @@
+"""The high-gain observer from the chain Riccati equation, certified by condition (5) or (44)."""
+
+import math
+from fractions import Fraction
+
+import jax.numpy as jnp
+import numpy as np
+import scipy.linalg
+import scipy.optimize
+
+from jaxobs import hurwitz
+from jaxobs._module import Numbers, as_param, dtype_of, refuse
+from jaxobs.certificates import Condition5, exact
+from jaxobs.designs.infeasible import Infeasible
+from jaxobs.observers import HighGain, IntegralHighGain
+from jaxobs.plants import AbstractChain
+
+DEFAULT_EXCESS = 1.1  # gamma over the smallest certified one, when none is asked for: leaves a decay rate
+
+
+def riccati(
+    plant: AbstractChain, *, lipschitz: float, alphas: Numbers | None = None, gamma: float | None = None, q: int = 0
+) -> tuple[HighGain | IntegralHighGain, Condition5]:
+    """Gains alphas_i gamma^i and the proof that the error decays for every phi with the Lipschitz constant `lipschitz`:
+
+        rho < lambda_min(P^-1/2 Q P^-1/2) / (2 sqrt((P^-1)_NN lambda_max(P))),     N = n + q        (paper 000, (5) and (44)).
+
+    alphas (n + q,), binomial if not given. gamma [1/s], 1.1 times the smallest certified one if not given. q > 0 passes the
+    innovation through q integrators. What is certified are the numbers that the observer carries, in its own precision.
+
+    Infeasible when (10) or (5) fails, with the margin, the smallest gamma that does it and what to change; ValueError for a
+    plant that is no chain, a Lipschitz constant that is not positive, and what the observer refuses.
+    """
+    if not isinstance(plant, AbstractChain):
+        raise refuse(
+            "riccati", "plant", type(plant).__name__, "a plant in chain form", "Write it as a subclass of AbstractChain."
+        )
+    if not (np.isfinite(lipschitz) and lipschitz > 0):
+        fix = "It bounds |phi(a, u) - phi(b, u)| / |a - b| over all a, b and u."
+        raise refuse("riccati", "lipschitz", lipschitz, "a positive number", fix)
+    chosen = hurwitz.binomial(plant.n + q) if alphas is None else alphas
+    draft = _observer(plant, chosen, 1.0 if gamma is None else gamma, q)
+    weights = exact.chain_weights([Fraction(float(a)) for a in np.asarray(draft.alphas)])
+    for i, weight in enumerate(weights, start=1):
+        if weight <= 0:
+            reason = f"condition (10) fails for these alphas, q_{i} = {float(weight):.6g}"
+            raise Infeasible(
+                reason, float(weight), "Take alphas from jaxobs.hurwitz.alphas_from_log_q: all of them satisfy (10)."
+            )
+    smallest = _smallest_gamma(draft, lipschitz)
+    observer = draft if gamma is not None else _observer(plant, chosen, DEFAULT_EXCESS * smallest, q)
+    margin = _parts(observer, float(observer.gamma))[2] - lipschitz
+    if margin > 0:
+        certificate = _certify(observer, lipschitz, q)
+        if certificate is not None:
+            return observer, certificate
+    name = "(5)" if q == 0 else "(44)"
+    reason = f"condition {name} fails at gamma = {float(observer.gamma):.6g} for the Lipschitz constant {lipschitz:.6g}"
+    change = f"It holds for gamma > {smallest:.6g}; or give a smaller Lipschitz constant if one can be proved."
+    raise Infeasible(reason, margin, change)
+
+
+def _observer(plant: AbstractChain, alphas: Numbers, gamma: Numbers, q: int) -> HighGain | IntegralHighGain:
+    dtype = dtype_of(plant)
+    a, g = jnp.asarray(as_param(alphas), dtype), jnp.asarray(as_param(gamma), dtype)
+    return HighGain(plant, a, g) if q == 0 else IntegralHighGain(plant, a, g, q)
+
+
+def _parts(observer: HighGain | IntegralHighGain, gamma: float) -> tuple[float, float, float]:
+    """(lambda_min(P^-1/2 Q P^-1/2), lambda_max(P) / gamma^{2N-1}, the largest certified rho), float64, scaled by D."""
+    exact_alphas = [Fraction(float(a)) for a in np.asarray(observer.alphas)]
+    p = np.asarray(exact.chain_riccati(exact_alphas), float)
+    weights = np.asarray(exact.chain_weights(exact_alphas), float)
+    root = np.sqrt(weights)
+    slowest = gamma / scipy.linalg.eigvalsh(p / np.outer(root, root))[-1]
+    s = float(gamma) ** np.arange(1 - len(weights), 1)
+    largest = scipy.linalg.eigvalsh(p * np.outer(s, s))[-1]
+    corner = float(exact.inverse_corner(exact.chain_riccati(exact_alphas)))
+    return slowest, largest, slowest / (2 * np.sqrt(corner * largest))
+
+
+def _smallest_gamma(observer: HighGain | IntegralHighGain, lipschitz: float) -> float:
+    """The root in gamma of (largest certified rho) = lipschitz; the left side increases with gamma."""
+
+    def excess(log_gamma: float) -> float:
+        return np.log(_parts(observer, float(np.exp(log_gamma)))[2] / lipschitz)
+
+    low, high = 0.0, 0.0
+    while excess(low) > 0:
+        low -= 2.0
+    while excess(high) < 0:
+        high += 2.0
+    root = scipy.optimize.brentq(excess, low, high, xtol=1e-13)
+    return math.exp(float(root))  # pyright: ignore[reportArgumentType]: without full_output it is a float
+
+
+def _certify(observer: HighGain | IntegralHighGain, lipschitz: float, q: int) -> Condition5 | None:
+    """Witnesses a little inside the float ones: as close as the exact check accepts."""
+    gamma = float(observer.gamma)
+    slowest, largest, rho = _parts(observer, gamma)
+    slack = min((rho / lipschitz) ** 2 - 1, 1.0) / 6
+    size = len(np.asarray(observer.alphas))
+    for relative in (1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2):
+        inside = min(relative, slack)
+        certificate = Condition5(
+            assumptions=(
+                "the plant is x_i' = x_{i+1}, x_n' = phi(x, u), y = x_1, and the observer has the same phi",
+                f"phi is Lipschitz in x with the stored constant ({lipschitz:.9g}, given by the user), for every u that occurs",
+                "continuous time, without measurement noise; gains alphas_i gamma^i in real arithmetic",
+            ),
+            alphas=tuple(float(a) for a in np.asarray(observer.alphas)),
+            gamma=gamma,
+            lipschitz=float(lipschitz),
+            n=size - q,
+            q=q,
+            mu=float(slowest * (1 - inside)),
+            nu=float(largest * gamma ** (2 * size - 1) * (1 + inside)),
+        )
+        if certificate.verify():
+            return certificate
+    return None

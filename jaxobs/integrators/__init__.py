@@ -1,0 +1,8 @@
+"""From one grid point to the next: explicit, exponential (stiff linear part exactly), adaptive."""
+
+from jaxobs.integrators.adaptive import Adaptive as Adaptive
+from jaxobs.integrators.base import AbstractIntegrator as AbstractIntegrator
+from jaxobs.integrators.base import Field as Field
+from jaxobs.integrators.explicit import RK4 as RK4
+from jaxobs.integrators.explicit import Euler as Euler
+from jaxobs.integrators.exponential import Exponential as Exponential

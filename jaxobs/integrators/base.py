@@ -1,0 +1,47 @@
+"""From z' = flow(t, z) to z(t + dt), one grid interval at a time."""
+
+import abc
+from collections.abc import Callable
+from typing import Any, ClassVar, NamedTuple
+
+import jax
+from jaxtyping import PyTree
+
+from jaxobs._module import Module, Scalar
+
+State = PyTree
+
+
+class Field(NamedTuple):
+    """A vector field on pytrees, and if it has a stiff linear part, how it splits.
+
+    split(t, z) -> (A, b) has flow = A z + b leaf by leaf: A a matrix for a vector leaf, or None where A = 0. A is constant.
+    """
+
+    flow: Callable[[Scalar, State], State]
+    split: Callable[[Scalar, State], tuple[Any, State]] | None = None
+
+
+class AbstractIntegrator(Module):
+    """`cache = prepare(field, dt, z)` once for each trajectory, outside the loop; then `step` for each grid interval."""
+
+    needs_uniform_grid: ClassVar[bool] = False
+
+    @abc.abstractmethod
+    def prepare(self, field: Field, dt: Scalar, z: State) -> Any: ...
+
+    @abc.abstractmethod
+    def step(self, field: Field, cache: Any, t: Scalar, dt: Scalar, z: State) -> State: ...
+
+
+def repeat(advance: Callable[[Scalar, State], State], substeps: int, t: Scalar, dt: Scalar, z: State) -> State:
+    """`substeps` equal steps of length dt / substeps; `advance(t, z)` makes one."""
+    if substeps == 1:
+        return advance(t, z)
+    start = jax.numpy.asarray(t, dt.dtype)
+    return jax.lax.fori_loop(0, substeps, lambda i, z: advance(start + i.astype(dt.dtype) * dt / substeps, z), z)
+
+
+def axpy(scale: Scalar, x: State, y: State) -> State:
+    """scale * x + y, leaf by leaf."""
+    return jax.tree.map(lambda a, b: scale * a + b, x, y)

@@ -1,0 +1,168 @@
+"""Linear algebra of integrator chains: the closed-form Riccati solution, condition (5), Lyapunov solves, phi-functions.
+
+Gains of the kind gamma^i spread over many decades; everything is therefore computed at gamma = 1 (a tilde in the formulas)
+and scaled by D = diag(gamma, ..., gamma^n). That is exact where an unscaled solve loses all digits (n = 5, gamma = 100).
+"""
+
+import math
+from functools import lru_cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxobs import hurwitz
+
+
+def shift(x: Float[Array, " n"]) -> Float[Array, " n"]:
+    """A x for the chain of integrators: (x_2, ..., x_n, 0), without a matrix."""
+    return jnp.concatenate([x[1:], jnp.zeros_like(x[:1])])
+
+
+@lru_cache
+def _riccati_products(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Indices into (alpha_0, ..., alpha_n, 0) and signs, (n, n, n), of the sum that makes P~_ij."""
+    left, right = np.full((2, n, n, n), n + 1)
+    sign = np.zeros((n, n, n))
+    for i in range(1, n + 1):
+        for j in range(1, n + 1):
+            for m in range(min(i, j)):
+                if max(i, j) + m <= n:
+                    left[i - 1, j - 1, m], right[i - 1, j - 1, m] = max(i, j) + m, min(i, j) - 1 - m
+                    sign[i - 1, j - 1, m] = (-1) ** m
+    return left, right, sign
+
+
+def chain_riccati(alphas: Float[Array, " n"]) -> Float[Array, "n n"]:
+    """P~ with A P~ + P~ A' - P~ C'C P~ + diag(q) = 0 and P~ C' = alphas; for i >= j (paper 000, (6), (18)-(21) in closed form)
+
+        P~_ij = sum_{m=0}^{j-1} (-1)^m alpha_{i+m} alpha_{j-1-m}.
+
+    At other gains P(gamma) = D P~ D / gamma with D = diag(gamma^i), (20). Positive definite when the alphas satisfy (10).
+    """
+    left, right, sign = _riccati_products(alphas.shape[0])
+    a = jnp.concatenate([jnp.ones_like(alphas[:1]), alphas, jnp.zeros_like(alphas[:1])])
+    return jnp.sum(jnp.asarray(sign, a.dtype) * a[left] * a[right], axis=-1)
+
+
+def _gain_free_parts(alphas: Float[Array, " n"]) -> tuple[Array, Array, Array, Array]:
+    """(P~, lambda_min(P~^-1/2 Q~ P~^-1/2), (P~^-1)_nn, whether q > 0), for alphas with alpha_n = 1."""
+    q = hurwitz.q_from_alphas(alphas)
+    valid = jnp.all(q > 0)
+    q = jnp.where(valid, q, 1)
+    p = jnp.where(valid, chain_riccati(alphas), jnp.eye(alphas.shape[0], dtype=alphas.dtype))
+    # Q is diagonal: lambda_min(P^-1/2 Q P^-1/2) = 1 / lambda_max(Q^-1/2 P Q^-1/2), which needs no inverse of P.
+    slowest = 1 / jnp.linalg.eigvalsh(p / jnp.sqrt(q[:, None] * q[None, :]))[-1]
+    d = jnp.sqrt(jnp.diagonal(p))
+    pivot = jnp.linalg.cholesky(p / (d[:, None] * d[None, :]))[-1, -1] * d[-1]
+    return p, slowest, 1 / pivot**2, valid
+
+
+def largest_lipschitz(alphas: Float[Array, " n"], gamma: Float[Array, ""]) -> Float[Array, ""]:
+    """The supremum of the rho that condition (5) of paper 000 certifies, in the scaled form
+
+        lambda_min(P^-1/2 Q P^-1/2) / (2 sqrt((P^-1)_nn lambda_max(P))) = gamma l~ / (2 sqrt((P~^-1)_nn lambda_max(S P~ S)))
+
+    with l~ = lambda_min(P~^-1/2 Q~ P~^-1/2) and S = diag(gamma^{i-n}). Increasing in gamma; 0 where (10) fails (nothing is
+    certified then, which does not mean that the observer is unstable).
+    """
+    normal, scale = hurwitz.normalise(alphas)
+    g = gamma * scale
+    n = alphas.shape[0]
+    p, slowest, inverse_nn, valid = _gain_free_parts(normal)
+    # S P~ S at the original alphas: entries of P~ there are scale^{i+j-1} times those at the normalised ones.
+    s = gamma ** jnp.arange(1 - n, 1, dtype=alphas.dtype) * scale ** jnp.arange(1 - n, 1, dtype=alphas.dtype)
+    largest = jnp.linalg.eigvalsh(s[:, None] * p * s[None, :])[-1]
+    return jnp.where(valid, g * slowest / (2 * jnp.sqrt(inverse_nn * largest)), 0)
+
+
+def condition5_margin(alphas: Float[Array, " n"], gamma: Float[Array, ""], lipschitz: Float[Array, ""]) -> Float[Array, ""]:
+    """`largest_lipschitz` minus the Lipschitz constant: condition (5), or (44) for n + q alphas, holds when positive."""
+    return largest_lipschitz(alphas, gamma) - lipschitz
+
+
+def smallest_gamma(alphas: Float[Array, " n"], lipschitz: Float[Array, ""]) -> Float[Array, ""]:
+    """The infimum of the gamma for which condition (5) holds (strictly above it); infinite where (10) fails.
+
+    Bisection in log gamma between two bounds in closed form; the derivative is that of the implicit function.
+    """
+    fixed = jax.lax.stop_gradient(alphas)
+    rho = jax.lax.stop_gradient(jnp.asarray(lipschitz, alphas.dtype))
+    normal, scale = hurwitz.normalise(fixed)
+    p, slowest, inverse_nn, valid = _gain_free_parts(normal)
+    unit = 2 * rho * jnp.sqrt(inverse_nn) / slowest / scale
+    low = jnp.log(unit * jnp.sqrt(p[-1, -1]))  # lambda_max(S P~ S) >= P~_nn
+    # For gamma * scale >= 1, lambda_max(S P~ S) <= lambda_max(P~).
+    high = jnp.log(jnp.maximum(unit * jnp.sqrt(jnp.linalg.eigvalsh(p)[-1]), 1 / scale) * 1.001)
+
+    def halve(_, bracket):
+        low, high = bracket
+        middle = (low + high) / 2
+        enough = largest_lipschitz(fixed, jnp.exp(middle)) >= rho
+        return jnp.where(enough, low, middle), jnp.where(enough, middle, high)
+
+    low, high = jax.lax.fori_loop(0, 60, halve, (low, high))
+    root = jnp.exp(high)
+    slope = jax.grad(largest_lipschitz, argnums=1)(fixed, root)
+    # One Newton step on the traced arguments: its value is the root's, its derivative the implicit one.
+    residual = largest_lipschitz(alphas, root) - lipschitz
+    step = (residual - jax.lax.stop_gradient(residual)) / jnp.where(valid, slope, 1)
+    return jnp.where(valid, root - step, jnp.inf)
+
+
+def lyapunov(a: Float[Array, "n n"], q: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """X with a X + X a' + q = 0, by the Kronecker sum (n <= 10 or so; scale the problem first)."""
+    n = a.shape[0]
+    identity = jnp.eye(n, dtype=a.dtype)
+    operator = jnp.kron(a, identity) + jnp.kron(identity, a)
+    x = jnp.linalg.solve(operator, -q.reshape(-1)).reshape(n, n)
+    return (x + x.T) / 2
+
+
+def noise_covariance(alphas: Float[Array, " N"], q: int = 0) -> Float[Array, "N N"]:
+    """The covariance of the error of a chain observer with gain 1, under white measurement noise of unit intensity.
+
+    X solves F X + X F' + b b' = 0, F = A - alphas C; b = alphas for q = 0, and the unit vector of the q-th integrator otherwise
+    (paper 000, (41)). At gain gamma, and for noise of standard deviation sigma held over T_s << 1/gamma, the estimate x_i has
+    Var e_i = sigma^2 T_s gamma^{2i-1} X_{q+i,q+i}; so alphas (3, 2) give 2/3 gamma^3 sigma^2 T_s for x_2.
+    """
+    size = alphas.shape[0]
+    f = jnp.eye(size, k=1, dtype=alphas.dtype).at[:, 0].add(-alphas)
+    b = alphas if q == 0 else jnp.zeros_like(alphas).at[q - 1].set(1)
+    return lyapunov(f, jnp.outer(b, b))
+
+
+def balance(a: Float[Array, "n n"]) -> Float[Array, " n"]:
+    """Powers of two d such that diag(1/d) a diag(d) has rows and columns of like size (Osborne's iteration)."""
+    n = a.shape[0]
+    off = jnp.abs(a) * (1 - jnp.eye(n, dtype=a.dtype))
+
+    def sweep(_, log_d):
+        for i in range(n):
+            scaled = off * jnp.exp2(log_d[None, :] - log_d[:, None])
+            column, row = jnp.sum(scaled[:, i]), jnp.sum(scaled[i, :])
+            change = 0.5 * jnp.log2(jnp.where((column > 0) & (row > 0), row / jnp.where(column > 0, column, 1), 1))
+            log_d = log_d.at[i].add(jnp.round(change))
+        return log_d
+
+    return jnp.exp2(jax.lax.fori_loop(0, 10, sweep, jnp.zeros((n,), a.dtype)))
+
+
+def phi_functions(a: Float[Array, "n n"], count: int) -> list[Float[Array, "n n"]]:
+    """[phi_0, ..., phi_count] of a, phi_0 = exp and phi_{k+1}(a) = (phi_k(a) - 1/k!) / a, by one exponential.
+
+    They are the first block row of exp([[a, I], [0, N]]), N the block shift; singular a is no exception. The matrix is
+    balanced first, so that gains gamma^i cost no digits.
+    """
+    n = a.shape[0]
+    d = balance(a)
+    size = n * (count + 1)
+    block = jnp.eye(size, k=n, dtype=a.dtype).at[:n, :n].set(a * d[None, :] / d[:, None])
+    row = jax.scipy.linalg.expm(block)[:n]
+    return [row[:, k * n : (k + 1) * n] * d[:, None] / d[None, :] for k in range(count + 1)]
+
+
+def pascal(n: int) -> Float[np.ndarray, "n n"]:
+    """The lower triangular L_ij = (-1)^{i+j} C(i-1, j-1), with L L' = ((-1)^{i+j} C(i+j-2, i-1)) and L^-1 = |L|."""
+    return np.asarray([[(-1) ** (i + j) * math.comb(i, j) for j in range(n)] for i in range(n)], dtype=float)

@@ -1,0 +1,36 @@
+"""What the observers with gains alphas_i gamma^i share: their checks and the powers of gamma."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxobs import hurwitz
+from jaxobs._module import Module, Scalar, concrete, refuse, require_finite, require_positive, require_shape
+
+
+def powers(gamma: Scalar, count: int) -> Float[Array, " count"]:
+    """(gamma, gamma^2, ..., gamma^count)."""
+    return gamma ** jnp.arange(1, count + 1, dtype=gamma.dtype)
+
+
+def check_gains(observer: Module, alphas: Float[Array, " N"], gamma: Scalar, count: int, what: str) -> None:
+    """Shapes always; the values where they are concrete: finite, gamma > 0, alphas Hurwitz (the bad roots are named)."""
+    fix = f"It needs {what}, e.g. jaxobs.hurwitz.binomial({count})."
+    require_shape(observer, "alphas", alphas, (count,), fix)
+    require_shape(
+        observer, "gamma", gamma, (), "A grid of gammas goes through jaxobs.grid(observer, gamma=...) and jaxobs.over."
+    )
+    require_finite(observer, "alphas", alphas)
+    require_finite(observer, "gamma", gamma)
+    require_positive(observer, "gamma", gamma, "The gain scale is a rate in 1/s; larger is faster and noisier.")
+    known = concrete(alphas)
+    if known is not None and not hurwitz.is_hurwitz(known):
+        roots = np.roots(np.concatenate([[1.0], known.astype(float)]))
+        bad = ", ".join(f"{root:.4g}" for root in roots[roots.real >= 0])
+        raise refuse(
+            observer,
+            "alphas",
+            f"{known.tolist()} with the root(s) {bad}",
+            "all roots of s^N + alpha_1 s^(N-1) + ... + alpha_N in the open left half plane",
+            f"Try jaxobs.hurwitz.binomial({count}), or jaxobs.hurwitz.alphas_from_log_q.",
+        )

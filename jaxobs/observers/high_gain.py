@@ -1,0 +1,50 @@
+"""The high-gain observer in chain coordinates."""
+
+from jaxtyping import Array, Float
+
+from jaxobs._module import Scalar, param
+from jaxobs.observers._gains import check_gains, powers
+from jaxobs.observers.base import AbstractFlowObserver
+from jaxobs.plants import AbstractChain
+
+
+class HighGain(AbstractFlowObserver):
+    """z' = f(z, u) + diag(gamma^i) alphas (y - h(z)), estimate z (paper 000, (6) with (15)).
+
+    model: a chain of n states. alphas (n,): a Hurwitz polynomial. gamma [1/s]: gain scale. ValueError for anything else.
+    """
+
+    model: AbstractChain
+    alphas: Float[Array, " n"] = param()
+    gamma: Scalar = param()
+    p = 1
+
+    def __check_init__(self):
+        check_gains(self, self.alphas, self.gamma, self.n, f"n = {self.n} coefficients")
+
+    @property
+    def n(self):
+        return self.model.n
+
+    @property
+    def m(self):
+        return self.model.m
+
+    def gain(self) -> Float[Array, " n"]:
+        return self.alphas * powers(self.gamma, self.n)
+
+    def init(self, xhat0):
+        return xhat0
+
+    def flow(self, t, z, u, y):
+        return self.model.flow(t, z, u) + self.gain() * (y - self.model.h(z, u))
+
+    def split(self, t, z, u, y):
+        a, b = self.model.split(t, z, u)
+        return a.at[:, 0].add(-self.gain()), b + self.gain() * y
+
+    def estimate(self, t, z, u, y):
+        return z
+
+    def predict(self, t, z, u):
+        return self.model.h(z, u)
