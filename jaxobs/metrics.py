@@ -51,7 +51,7 @@ class RMSE(AbstractMetric):
     def update(self, state, moment):
         total, count = state
         counts = moment.t >= self.after
-        return total + jnp.where(counts, (moment.xhat - moment.x) ** 2, 0), count + counts
+        return total + jnp.where(counts, (moment.xhat - moment.x) ** 2, 0), count + counts.astype(count.dtype)
 
     def result(self, state):
         total, count = state
@@ -163,7 +163,7 @@ class Consistency(AbstractMetric):
     def update(self, state, moment):
         total, count = state
         counts = moment.valid & (moment.t >= self.after)
-        return total + jnp.where(counts, moment.innovation**2 / self.variance, 0), count + counts
+        return total + jnp.where(counts, moment.innovation**2 / self.variance, 0), count + counts.astype(count.dtype)
 
     def result(self, state):
         total, count = state
