@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from jaxobs._observe import Estimate as Estimate
     from jaxobs._observe import observe as observe
     from jaxobs._simulate import Trajectory as Trajectory
+    from jaxobs._simulate import score as score
     from jaxobs._simulate import simulate as simulate
     from jaxobs.studies import Family as Family
     from jaxobs.studies import grid as grid
@@ -48,6 +49,7 @@ _NAMES = {
     "grid": "studies",
     "observe": "_observe",
     "over": "studies",
+    "score": "_simulate",
     "simulate": "_simulate",
 }
 

@@ -1,6 +1,6 @@
 """The one loop: estimate at each sample, then move on. `observe` runs it on a record, `simulate` on a plant."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxobs._module import Module, Scalar, concrete, refuse
+from jaxobs.metrics import AbstractMetric, Moment
 from jaxobs.observers import AbstractStepObserver, Observer
 
 
@@ -35,12 +36,16 @@ def run(
     measure: Callable[[Any, Sample], Float[Array, " p"]],
     advance: Advance,
     hold_innovation: bool,
-) -> tuple[Any, Float[Array, "T n"], Float[Array, "T p"], Float[Array, "T p"]]:
-    """(x, xhat, y, innovation) at every sample. An invalid y is replaced by the expected one: its innovation is zero, or, with
-    `hold_innovation`, that of the last valid sample."""
+    metrics: Mapping[str, AbstractMetric] | None = None,
+) -> Any:
+    """(x, xhat, y, innovation) at every sample; or, with metrics, only their results, in memory that does not grow with time.
+
+    An invalid y is replaced by the expected one: its innovation is zero, or, with `hold_innovation`, that of the last valid
+    sample.
+    """
 
     def body(carry, sample):
-        x, z, held = carry
+        x, z, held, states = carry
         time = sample.k if isinstance(observer, AbstractStepObserver) else sample.t
         expected = observer.predict(time, z, sample.u)
         seen = measure(x, sample)
@@ -48,10 +53,16 @@ def run(
         y = jnp.where(sample.valid, seen, expected + held)
         held = innovation if hold_innovation else held
         xhat = observer.estimate(time, z, sample.u, y)
-        return (*advance(x, z, sample, y, held), held), (x, xhat, y, innovation)
+        out = (x, xhat, y, innovation)
+        if metrics is not None:
+            moment = Moment(sample.t, x, xhat, innovation, sample.valid)
+            states, out = {name: metric.update(states[name], moment) for name, metric in metrics.items()}, None
+        return (*advance(x, z, sample, y, held), held, states), out
 
     held = jnp.zeros(samples.y.shape[1:], samples.y.dtype)
-    return jax.lax.scan(body, (x, z, held), samples)[1]
+    states = {name: metric.init(observer.n, observer.p, held.dtype) for name, metric in (metrics or {}).items()}
+    (*_, states), out = jax.lax.scan(body, (x, z, held, states), samples)
+    return out if metrics is None else {name: metric.result(states[name]) for name, metric in metrics.items()}
 
 
 class Grid(NamedTuple):

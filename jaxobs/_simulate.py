@@ -1,15 +1,17 @@
 """A plant, and the same loop: truth, measurement and estimate together."""
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jaxobs._loop import Sample, as_state, check_period, divergence_time, run, time_grid
+from jaxobs._loop import Grid, Sample, as_state, check_period, divergence_time, run, time_grid
 from jaxobs._module import Module, Numbers, Scalar, check, dtype_of, refuse
 from jaxobs.integrators import RK4, AbstractIntegrator, Field
+from jaxobs.metrics import AbstractMetric
 from jaxobs.noise import AbstractNoise, Silent
 from jaxobs.observers import AbstractFlowObserver, Observer
 from jaxobs.plants import AbstractFlowPlant, AbstractPlant
@@ -54,20 +56,63 @@ def simulate(
     independently. The observer's model and the plant are two objects and may differ. Works under jit, vmap and grad.
     ValueError names the argument that does not fit.
     """
-    check(plant)
+    world = _World(plant, signal, noise, disturbance, integrator)
+    return _simulate(*_checked(world, observer, x0, xhat0, ts, key), key, hold_innovation, None)
+
+
+def score(
+    plant: AbstractPlant,
+    observer: Observer,
+    *,
+    metrics: Mapping[str, AbstractMetric],
+    x0: Numbers,
+    xhat0: Numbers,
+    ts: Numbers,
+    signal: AbstractSignal | None = None,
+    noise: AbstractNoise | None = None,
+    disturbance: AbstractNoise | None = None,
+    key: Any = None,
+    integrator: AbstractIntegrator | None = None,
+    hold_innovation: bool = False,
+) -> dict[str, Any]:
+    """What `simulate` does, keeping the metrics only: they are updated inside the loop and no trajectory is stored.
+
+    `score(..., metrics={"rmse": RMSE(after=10.0)})["rmse"]`; plant and observer must have the same number of states.
+    """
+    if plant.n != observer.n:
+        fix = "Metrics compare x with xhat; use simulate and compare what corresponds."
+        raise refuse("score", "observer", f"n = {observer.n} states", f"the plant's n = {plant.n}", fix)
+    world = _World(plant, signal, noise, disturbance, integrator)
+    return _simulate(*_checked(world, observer, x0, xhat0, ts, key), key, hold_innovation, dict(metrics))
+
+
+class _World(NamedTuple):
+    """Everything that is not the observer."""
+
+    plant: Any
+    signal: Any
+    noise: AbstractNoise | None
+    disturbance: AbstractNoise | None
+    integrator: Any
+
+
+def _checked(world: _World, observer: Observer, x0, xhat0, ts, key) -> tuple[_World, Observer, Array, Array, Grid]:
+    """The parts of a run: they fit each other and have one precision."""
+    check(world.plant)
     check(observer)
-    signal = Zero(plant.m) if signal is None else signal
-    integrator = RK4() if integrator is None else integrator
-    dtype = _agree(plant, observer, signal, noise, disturbance, key)
-    grid = time_grid("simulate", ts, dtype, uniform=integrator.needs_uniform_grid or hasattr(observer, "dt"))
+    plant = world.plant
+    world = world._replace(signal=world.signal or Zero(plant.m), integrator=world.integrator or RK4())
+    dtype = _agree(world, observer, key)
+    grid = time_grid("simulate", ts, dtype, uniform=world.integrator.needs_uniform_grid or hasattr(observer, "dt"))
     check_period("simulate", observer, grid.spacing)
     check_period("simulate", plant, grid.spacing)
-    start = as_state("simulate", "x0", x0, plant.n, dtype), as_state("simulate", "xhat0", xhat0, observer.n, dtype)
-    return _simulate(plant, observer, *start, grid, signal, noise, disturbance, key, integrator, hold_innovation)
+    start = as_state("simulate", "x0", x0, plant.n, dtype)
+    return world, observer, start, as_state("simulate", "xhat0", xhat0, observer.n, dtype), grid
 
 
 @eqx.filter_jit
-def _simulate(plant, observer, x0, xhat0, grid, signal, noise, disturbance, key, integrator, hold_innovation) -> Trajectory:
+def _simulate(world: _World, observer: Any, x0, xhat0, grid: Grid, key, hold_innovation: bool, metrics: Any) -> Any:
+    plant, signal, noise, disturbance, integrator = world
     ts, dtype = grid.ts, x0.dtype
     count = ts.shape[0]
     noise_key, disturbance_key = jax.random.split(jax.random.key(0) if key is None else key)
@@ -122,12 +167,16 @@ def _simulate(plant, observer, x0, xhat0, grid, signal, noise, disturbance, key,
             return plant.step(sample.k, x, sample.u) + sample.d, z
         return integrator.step(plant_field(sample), cache, sample.t, sample.dt, x), z
 
-    x, xhat, y, innovation = run(observer, x0, z0, samples, measure, advance, hold_innovation)
+    out = run(observer, x0, z0, samples, measure, advance, hold_innovation, metrics)
+    if metrics is not None:
+        return out
+    x, xhat, y, innovation = out
     return Trajectory(ts, x, xhat, y, valid, us, innovation, divergence_time(ts, x, xhat))
 
 
-def _agree(plant, observer, signal, noise, disturbance, key) -> Any:
+def _agree(world: _World, observer: Observer, key: Any) -> Any:
     """The parts fit each other; returns their common precision."""
+    plant, signal, noise, disturbance, _ = world
     if not isinstance(plant, AbstractFlowPlant) and isinstance(observer, AbstractFlowObserver):
         raise refuse(
             "simulate", "observer", f"the flow observer {type(observer).__name__} for a step plant", "a step observer",

@@ -1,0 +1,4 @@
+"""Gains found by gradient."""
+
+from jaxobs.tuning.descent import Descent as Descent
+from jaxobs.tuning.descent import descend as descend

@@ -1,0 +1,60 @@
+"""Condition (5) on stored numbers in exact arithmetic by python-flint: P from its linear equations, minors as determinants."""
+
+from itertools import combinations_with_replacement
+
+import flint
+
+
+def rational(x):
+    return flint.fmpq(*float(x).as_integer_ratio())
+
+
+def riccati(gain):
+    """(P, q) of A P + P A' + diag(q) = k k', P C' = k: as many linear equations as unknowns."""
+    n = len(gain)
+    pairs = list(combinations_with_replacement(range(n), 2))
+    column = {pair: place for place, pair in enumerate(pairs)}
+    unknowns = len(pairs) + n
+    rows, right = [], []
+
+    def equation(terms, value):
+        row = [flint.fmpq(0)] * unknowns
+        for place in terms:
+            row[place] += 1
+        rows.extend(row)
+        right.append(value)
+
+    for i, j in pairs:
+        terms = [column[i + 1, j] if i < j else column[i, i + 1]] * (i + 1 < n) if i < j or i + 1 < n else []
+        if i == j:
+            terms = [*([column[i, i + 1]] * 2 if i + 1 < n else []), len(pairs) + i]
+        elif j + 1 < n:
+            terms = [*terms, column[i, j + 1]]
+        equation(terms, gain[i] * gain[j])
+    for i in range(n):
+        equation([column[0, i]], gain[i])
+    solved = flint.fmpq_mat(unknowns, unknowns, rows).solve(flint.fmpq_mat(unknowns, 1, right))
+    p = [[solved[column[min(i, j), max(i, j)], 0] for j in range(n)] for i in range(n)]
+    return p, [solved[len(pairs) + i, 0] for i in range(n)]
+
+
+def positive(matrix):
+    """Whether all leading minors of a symmetric matrix are positive."""
+    return all(
+        flint.fmpq_mat(k, k, [entry for row in matrix[:k] for entry in row[:k]]).det() > 0 for k in range(1, len(matrix) + 1)
+    )
+
+
+def holds(alphas, gamma, rho, mu, nu):
+    """Whether the inequalities behind condition (5) hold for these floats, exactly."""
+    gamma, rho, mu, nu = (rational(x) for x in (gamma, rho, mu, nu))
+    if not (gamma > 0 and rho > 0 and mu > 0 and nu > 0):
+        return False
+    p, q = riccati([rational(a) * gamma**i for i, a in enumerate(alphas, start=1)])
+    n = len(p)
+    faster = [[(q[i] if i == j else 0) - mu * p[i][j] for j in range(n)] for i in range(n)]
+    bounded = [[(nu if i == j else 0) - p[i][j] for j in range(n)] for i in range(n)]
+    if not (all(x > 0 for x in q) and positive(p) and positive(faster) and positive(bounded)):
+        return False
+    corner = flint.fmpq_mat(n, n, [entry for row in p for entry in row]).inv()[n - 1, n - 1]
+    return 4 * rho**2 * corner * nu < mu**2
