@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jaxobs._loop import Grid, Sample, as_state, check_period, divergence_time, run, time_grid
-from jaxobs._module import Module, Numbers, Scalar, check, dtype_of, refuse
+from jaxobs._module import Module, Numbers, Scalar, check, dtype_of, float_leaves, refuse
 from jaxobs.integrators import RK4, AbstractIntegrator, Field
 from jaxobs.metrics import AbstractMetric
 from jaxobs.noise import AbstractNoise, Silent
@@ -119,7 +119,7 @@ def _simulate(world: _World, observer: Any, x0, xhat0, grid: Grid, key, hold_inn
     w, valid = (noise or Silent()).sample(noise_key, ts, plant.p)
     d = jnp.zeros((count, plant.n), dtype)
     if disturbance is not None:
-        e = plant.disturbance_matrix()
+        e = plant.disturbance_matrix().astype(dtype)
         d = disturbance.sample(disturbance_key, ts, e.shape[1])[0].astype(dtype) @ e.T
     us = jax.vmap(signal)(ts)
     samples = Sample(jnp.arange(count), ts, grid.dts, us, w.astype(dtype), valid, d)
@@ -191,8 +191,9 @@ def _agree(world: _World, observer: Observer, key: Any) -> Any:
         raise refuse("simulate", "signal", f"m = {signal.m} inputs", f"the plant's m = {plant.m}", fix)
     if key is None and (noise is not None or disturbance is not None):
         raise refuse("simulate", "key", "None", "a PRNG key", "Noise and disturbance draw from it: key=jax.random.key(0).")
-    dtypes = {name: dtype_of(part) for name, part in (("plant", plant), ("observer", observer))}
-    if dtypes["plant"] != dtypes["observer"]:
-        fix = "Convert one of them with jaxobs.astype(part, dtype)."
-        raise refuse("simulate", "observer", f"precision {dtypes['observer']}", f"the plant's {dtypes['plant']}", fix)
-    return dtypes["plant"]
+    dtype = dtype_of(observer)
+    for name, part in (("plant", plant), ("signal", signal)):
+        if float_leaves(part) and dtype_of(part) != dtype:  # a part without numbers takes the precision of the run
+            fix = "Convert one of them with jaxobs.astype(part, dtype)."
+            raise refuse("simulate", name, f"precision {dtype_of(part)}", f"the observer's {dtype}", fix)
+    return dtype

@@ -118,7 +118,8 @@ def poles(alphas: Float[Array, " n"]) -> Complex[Array, " n"]:
     normal, scale = normalise(alphas)
     n = alphas.shape[0]
     companion = jnp.eye(n, k=1, dtype=alphas.dtype).at[:, 0].add(-normal)
-    return scale * jnp.linalg.eigvals(companion)
+    roots = jnp.linalg.eigvals(companion)
+    return scale.astype(roots.dtype) * roots
 
 
 def normalise(alphas: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Array, ""]]:

@@ -146,7 +146,8 @@ def balance(a: Float[Array, "n n"]) -> Float[Array, " n"]:
             log_d = log_d.at[i].add(jnp.round(change))
         return log_d
 
-    return jnp.exp2(jax.lax.fori_loop(0, 10, sweep, jnp.zeros((n,), a.dtype)))
+    log_d = jax.lax.fori_loop(0, 10, sweep, jnp.zeros((n,), a.dtype))
+    return jnp.ldexp(jnp.ones_like(log_d), log_d.astype(jnp.int32))  # exp2 itself rounds
 
 
 def phi_functions(a: Float[Array, "n n"], count: int) -> list[Float[Array, "n n"]]:

@@ -79,7 +79,7 @@ class AbstractStateAffine(AbstractFlowPlant):
         return self.a(u) @ x + self.b(u)
 
     def h(self, x, u):
-        return self.c() @ x
+        return self.c().astype(x.dtype) @ x  # a plant without numbers knows no precision
 
     def split(self, t, x, u):
         return jnp.zeros((self.n, self.n), x.dtype), self.flow(t, x, u)

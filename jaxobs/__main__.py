@@ -1,0 +1,5 @@
+"""`python -m jaxobs` is the command `jaxobs`."""
+
+from jaxobs.cli import main
+
+main()
