@@ -40,9 +40,16 @@ def static(**kwargs: Any) -> Any:
 
 @dataclass_transform(field_specifiers=(eqx.field, param, static))
 class Module(eqx.Module):
-    """An equinox Module whose float leaves share one dtype."""
+    """An equinox Module whose float leaves share one dtype, and whose parameters are finite and, if scalars, single numbers."""
 
     def __check_init__(self):
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if value is None or field.metadata.get("converter") is not as_param:
+                continue
+            if field.type in (Scalar, Scalar | None):
+                require_shape(self, field.name, value, (), "A grid of values goes through jaxobs.grid and jaxobs.over.")
+            require_finite(self, field.name, value)
         dtypes = {jnp.dtype(leaf.dtype) for leaf in float_leaves(self)}
         if len(dtypes) > 1:
             names = " and ".join(sorted(str(d) for d in dtypes))

@@ -50,7 +50,7 @@ def demo(
 
         walk = timed("recorded walk", lambda report: study_walk(quick=quick, progress=report))
         pendulum = timed("pendulum", lambda report: study_pendulum(quick=quick, progress=report))
-        pictures = timed("figures", lambda report: demo_figures.draw(walk, pendulum, out))
+        pictures: list[tuple[Path, str]] = timed("figures", lambda report: demo_figures.draw(walk, pendulum, out))
     walk_rows, pendulum_rows = demo_text.walk_table(walk), demo_text.pendulum_table(pendulum)
     walk_words, pendulum_words = demo_text.walk_findings(walk), demo_text.pendulum_findings(pendulum)
     sections = [

@@ -49,7 +49,7 @@ class Condition5(AbstractCertificate):
         q = [gamma ** (2 * i + 2) * w for i, w in enumerate(weights)]
         for i, weight in enumerate(weights, start=1):
             if weight <= 0:
-                return Verdict(False, {}, f"not certified: condition (10) fails, q_{i} = {float(weight):.6g} is not positive")
+                return Verdict(False, {}, f"not certified: condition (10) fails, q_{i} = {_float(weight):.6g} is not positive")
         if not (exact.riccati_residual_is_zero(p, q) and exact.is_positive_definite(p)):
             return Verdict(False, {}, "not certified: P is not a positive definite solution of the Riccati equation")
         if not exact.is_positive_definite(exact.combine(Fraction(1), exact.diagonal(q), -mu, p)):
@@ -58,7 +58,7 @@ class Condition5(AbstractCertificate):
             return Verdict(False, {}, f"not certified: nu I - P > 0 fails for nu = {self.nu:.9g}")
         load = 4 * rho**2 * exact.inverse_corner(p) * nu
         # Square roots are for reading; the decision compares squares.
-        margins = {"decay_rate_of_V": self.mu - _sqrt(load), "largest_lipschitz": self.lipschitz * self.mu / _sqrt(load)}
+        margins = {"decay_rate_of_V": self.mu - _sqrt(load), "largest_lipschitz": _sqrt((rho * mu) ** 2 / load)}
         if not load < mu**2:
             return Verdict(False, margins, "not certified: 4 rho^2 (P^-1)_NN nu < mu^2 fails, the margin is not positive")
         name = "(5)" if self.q == 0 else "(44)"
@@ -74,7 +74,15 @@ class Condition5(AbstractCertificate):
         return None
 
 
+def _float(x: Fraction) -> float:
+    """The nearest float, infinite beyond the largest one."""
+    try:
+        return float(x)
+    except OverflowError:
+        return math.inf if x > 0 else -math.inf
+
+
 def _sqrt(x: Fraction) -> float:
     """The root of a positive rational of any size, as a float."""
     bits = (x.numerator.bit_length() - x.denominator.bit_length()) // 2
-    return math.ldexp(math.sqrt(x / Fraction(4) ** bits), bits)
+    return _float(Fraction(math.sqrt(x / Fraction(4) ** bits)) * Fraction(2) ** bits)

@@ -20,7 +20,7 @@ def load(path: str | PathLike[str]) -> AbstractCertificate:
     """
     try:
         data = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # no UTF-8, no JSON, nested or long without measure
         raise ValueError(f"{path}: given text that is not JSON ({error}); expected a {FORMAT} file") from error
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise ValueError(f"{path}: given no {FORMAT} file; expected one written by Certificate.to_json")

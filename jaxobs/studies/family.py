@@ -19,7 +19,7 @@ class Family(Module):
     """
 
     observer: Any
-    values: tuple[Float[Array, "g ..."], ...]
+    values: tuple[Float[Array, "_ ..."], ...]
     names: tuple[str, ...] = static()
 
     @property

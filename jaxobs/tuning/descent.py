@@ -48,7 +48,9 @@ def descend(
             good = jnp.isfinite(value) & _all_finite(gradient)
             better = good & (value < least)
             best, least = _where(better, theta, best), jnp.where(better, value, least)
-            updates, next_state = optimizer.update(_where(good, gradient, jax.tree.map(jnp.zeros_like, gradient)), state, theta)
+            gradient = _where(good, gradient, jax.tree.map(jnp.zeros_like, gradient))
+            with jax.numpy_dtype_promotion("standard"):  # optax mixes its integer step count with floats
+                updates, next_state = optimizer.update(gradient, state, theta)
             theta = _where(good, optax.apply_updates(theta, updates), best)
             return (theta, next_state, best, least), value
 
