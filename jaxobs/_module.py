@@ -5,7 +5,7 @@ NumPy array, a tracer) into an array of a strong float dtype, so that replacing 
 """
 
 import dataclasses
-from typing import Any, TypeVar, dataclass_transform
+from typing import Any, TypeAlias, TypeVar, dataclass_transform
 
 import equinox as eqx
 import jax
@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 Scalar = Float[Array, ""]
+OptionalScalar: TypeAlias = Scalar | None
 Numbers = ArrayLike | list[Any] | tuple[Any, ...]  # what a user may give for an array
 T = TypeVar("T")
 
@@ -47,7 +48,7 @@ class Module(eqx.Module):
             value = getattr(self, field.name)
             if value is None or field.metadata.get("converter") is not as_param:
                 continue
-            if field.type in (Scalar, Scalar | None):
+            if field.type in (Scalar, OptionalScalar):
                 require_shape(self, field.name, value, (), "A grid of values goes through jaxobs.grid and jaxobs.over.")
             require_finite(self, field.name, value)
         dtypes = {jnp.dtype(leaf.dtype) for leaf in float_leaves(self)}

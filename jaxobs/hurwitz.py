@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from jaxobs._module import Numbers
+from jaxobs._module import Numbers, concrete, refuse
 
 NEWTON_STEPS = 60  # 41 is the most ever seen (n = 10, q over 1e-3 .. 1e3)
 
@@ -106,6 +106,17 @@ def alphas_from_log_q(log_q: Float[Array, " n"]) -> Float[Array, " n"]:
     log_scale = log_q[-1] / (2 * n)
     order = jnp.arange(1, n + 1, dtype=log_q.dtype)
     return jnp.exp(order * log_scale) * _spectral_factor(jnp.exp(log_q - 2 * order * log_scale))
+
+
+def alphas_from_q(q: Float[Array, " n"]) -> Float[Array, " n"]:
+    """The one Hurwitz polynomial with these weights. ValueError names the q_i that is not positive (condition (10))."""
+    known = concrete(q)
+    if known is not None and not np.all(known > 0):
+        i = int(np.argmin(known > 0)) + 1
+        raise refuse(
+            "alphas_from_q", f"q_{i}", known[i - 1], "a positive number", "Condition (10) asks for it; work with log q."
+        )
+    return alphas_from_log_q(jnp.log(q))
 
 
 def alphas_from_poles(poles: Complex[Array, " n"]) -> Float[Array, " n"]:

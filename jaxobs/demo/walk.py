@@ -87,12 +87,12 @@ def study_walk(*, quick: bool = False, progress: Callable[[str], None] = lambda 
         kind = "off-line" if "off-line" in ref.name else "reference"
         entries.append(Entry(kind, "gyroscope", ref.name, ref.parameters, ref.free, 0.0, ref.filter))
         progress(ref.name)
-    with ThreadPoolExecutor(2) as pool:  # XLA leaves one core idle on loops this small
+    with ThreadPoolExecutor(2) as pool:  # compiling and loops this small keep one core busy each
         for tuned in pool.map(lambda candidate: _tune(candidate, walk, quick), candidates()):
             entries += tuned
             progress(tuned[0].name)
-    rates = [entry.filter(walk.angle) for entry in entries]
-    rows = [_row(walk, entry, rate) for entry, rate in zip(entries, rates, strict=True)]
+        rates = list(pool.map(lambda entry: entry.filter(walk.angle), entries))
+        rows = list(pool.map(lambda entry, rate: _row(walk, entry, rate), entries, rates))
     chosen = min((row for row in rows if row.kind == "observer"), key=lambda row: row.rmse_choose)
     return WalkStudy(walk, rows, rates, chosen)
 

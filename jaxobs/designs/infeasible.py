@@ -1,7 +1,7 @@
 """Nothing could be proved."""
 
 
-class Infeasible(Exception):
+class Infeasible(ValueError):
     """No certificate of this kind exists for what was asked. It does not say that the observer is unstable.
 
     reason: a sentence; margin: how far from certified (negative); change: what to try.

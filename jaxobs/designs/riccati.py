@@ -43,7 +43,8 @@ def riccati(
     weights = exact.chain_weights([Fraction(float(a)) for a in np.asarray(draft.alphas)])
     for i, weight in enumerate(weights, start=1):
         if weight <= 0:
-            reason = f"condition (10) fails for these alphas, q_{i} = {float(weight):.6g}"
+            given = [float(a) for a in np.asarray(draft.alphas)]
+            reason = f"riccati.alphas: given {given} with q_{i} = {float(weight):.6g}; expected all q_i > 0, (10)"
             raise Infeasible(
                 reason, float(weight), "Take alphas from jaxobs.hurwitz.alphas_from_log_q: all of them satisfy (10)."
             )

@@ -52,7 +52,9 @@ def walk_table(study: WalkStudy, path: Path) -> str:
             spread = [[row.rmse - row.rmse_low], [row.rmse_high - row.rmse]]
             filled = "none" if row.tuned == "innovation" else colour[row.kind]
             axes.errorbar(row.rmse, y, xerr=spread, fmt="o", color=colour[row.kind], mfc=filled, ms=5, lw=1.2)
-        axes.set_yticks(place, [row.name + ("" if row.tuned != "innovation" else ", no gyroscope") for row in rows], fontsize=8.5)
+        axes.set_yticks(
+            place, [row.name + ("" if row.tuned != "innovation" else ", no gyroscope") for row in rows], fontsize=8.5
+        )
         axes.set_xscale("log")
         ticks = [0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0]
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
@@ -101,7 +103,7 @@ def pendulum_noise(study: Pendulum000, path: Path) -> str:
         axes.minorticks_off()
         axes.legend(fontsize=9)
         figure.savefig(path)
-    return "At equal gamma, q buys a smaller constant; the exponent stays. The law leaves phi out: it fails where gamma is small."
+    return "At equal gamma, q buys a smaller constant; the exponent stays. The law leaves phi out: it fails at small gamma."
 
 
 def _label(row: Row) -> str:

@@ -3,7 +3,7 @@
 import dataclasses
 from typing import Any
 
-from jaxobs.demo.pendulum import SIGMA, Pendulum000
+from jaxobs.demo.pendulum import PERIOD, SIGMA, Pendulum000
 from jaxobs.demo.walk import Row, WalkStudy
 
 Table = tuple[list[str], list[list[str]]]
@@ -11,10 +11,27 @@ Table = tuple[list[str], list[list[str]]]
 
 def walk_table(study: WalkStudy) -> Table:
     """Every row, in the order of the choosing block; the chosen observer carries a star."""
-    header = ["method", "tuned by", "parameters", "free", "train", "choose", "last", "95 %", "2nd half", "delay ms", "noise gain"]
+    header = [
+        "method",
+        "tuned by",
+        "parameters",
+        "free",
+        "train",
+        "choose",
+        "last",
+        "95 %",
+        "2nd half",
+        "delay ms",
+        "noise gain",
+    ]
     body = []
     for row in sorted(study.rows, key=lambda row: row.rmse_choose):
-        numbers = [f"{row.rmse_train:.3f}", f"{row.rmse_choose:.3f}", f"{row.rmse:.3f}", f"{row.rmse_low:.3f}–{row.rmse_high:.3f}"]
+        numbers = [
+            f"{row.rmse_train:.3f}",
+            f"{row.rmse_choose:.3f}",
+            f"{row.rmse:.3f}",
+            f"{row.rmse_low:.3f}–{row.rmse_high:.3f}",
+        ]
         tail = [f"{row.rmse_second_half:.3f}", f"{row.delay_ms:.1f}", f"{row.noise_gain:.0f}"]
         mark = " *" if row is study.chosen else ""
         body.append([row.name + mark, row.tuned, row.parameters, str(row.free), *numbers, *tail])
@@ -34,7 +51,9 @@ def pendulum_table(study: Pendulum000) -> Table:
     for sweep in study.sweeps:
         at = [int(abs(sweep.gammas - g).argmin()) for g in _sampled_gammas(study)]
         median = [float(sorted(sweep.rmse[i])[sweep.rmse.shape[1] // 2]) for i in at]
-        body.append([sweep.name, f"{sweep.c:.5g}", *[f"{m:.4f} / {sweep.law()[i]:.4f}" for m, i in zip(median, at, strict=True)]])
+        body.append(
+            [sweep.name, f"{sweep.c:.5g}", *[f"{m:.4f} / {sweep.law()[i]:.4f}" for m, i in zip(median, at, strict=True)]]
+        )
     return header, body
 
 
@@ -50,17 +69,17 @@ def walk_findings(study: WalkStudy) -> list[str]:
     chosen = study.chosen
     fir = by_gyro["causal least-squares FIR, 80 taps"]
     sentences = [
-        f"Chosen on the choosing block: {chosen.name}, tuned by {chosen.tuned}. RMSE {chosen.rmse:.3f} rad/s on the last quarter "
-        f"({chosen.rmse_low:.3f}–{chosen.rmse_high:.3f}), {chosen.rmse_second_half:.3f} on the whole second half; the best causal "
-        f"reference, an 80-tap FIR filter, has {fir.rmse:.3f} and {fir.rmse_second_half:.3f}.",
+        f"Chosen on the choosing block: {chosen.name}, tuned by {chosen.tuned}. RMSE {chosen.rmse:.3f} rad/s on the last "
+        f"quarter ({chosen.rmse_low:.3f}–{chosen.rmse_high:.3f}), {chosen.rmse_second_half:.3f} on the whole second half; the "
+        f"best causal reference, an 80-tap FIR filter, has {fir.rmse:.3f} and {fir.rmse_second_half:.3f}.",
         "What did it: " + _steps(by_gyro) + ".",
         f"Without any gyroscope, by the likelihood of its own innovations, {chosen.name} has {without[chosen.name].rmse:.3f}."
         if chosen.name in without
         else "",
         _worth_of_q(by_gyro),
         _worth_of_models(by_gyro),
-        "The learned leg knows this walker, this sensor and this pace, and was trained on the first half of the same walk: it is "
-        "no general differentiator. It carries no certificate.",
+        "The learned leg knows this walker, this sensor and this pace, and was trained on the first half of the same walk: "
+        "it is no general differentiator. It carries no certificate.",
     ]
     return [sentence for sentence in sentences if sentence]
 
@@ -86,23 +105,27 @@ def _worth_of_q(rows: dict[str, Row]) -> str:
 
 
 def _worth_of_models(rows: dict[str, Row]) -> str:
-    free, leg = rows["Luenberger, chain n = 3, free gains"], rows["Luenberger, swinging leg, free gains"]
-    learned, held = rows["Luenberger, learned leg"], rows["high-gain, swinging leg (held samples)"]
+    def change(name: str, against: str) -> str:
+        return f"{100 * (rows[name].rmse / rows[against].rmse - 1):+.0f} %"
+
+    leg, held = rows["Luenberger, swinging leg, free gains"], rows["high-gain, swinging leg (held samples)"]
     return (
-        f"What a model is worth here: a swinging leg inside the observer {100 * (leg.rmse / free.rmse - 1):+.0f} % against no model "
-        f"with as many states, a learned one {100 * (learned.rmse / rows['Luenberger, chain n = 2, free gains'].rmse - 1):+.0f} %. "
-        f"The same leg as a continuous high-gain observer over held samples, whose estimate has not seen y_k, has {held.rmse:.3f} "
-        f"(delay {held.delay_ms:.1f} ms against {leg.delay_ms:.1f})."
+        "What a model is worth here: a swinging leg inside the observer "
+        f"{change(leg.name, 'Luenberger, chain n = 3, free gains')} against no model with as many states, a learned one "
+        f"{change('Luenberger, learned leg', 'Luenberger, chain n = 2, free gains')}. The same leg as a continuous high-gain "
+        f"observer over held samples, whose estimate has not seen y_k, has {held.rmse:.3f} (delay {held.delay_ms:.1f} ms "
+        f"against {leg.delay_ms:.1f})."
     )
 
 
 def pendulum_findings(study: Pendulum000) -> list[str]:
     numbers = ", ".join(f"{name} = {value:.4f}" for name, value in study.numbers.items())
+    gammas, seeds = study.sweeps[0].rmse.shape
     return [
         f"Condition (5) at gamma = 6, alphas (3, 2), Lipschitz constant 3/2: {study.verdict.why}.",
         f"Recomputed: {numbers}.",
-        f"Table: measured RMSE of x2 / its law sigma sqrt(T_s gamma³ c), which leaves out phi and the hold: 1 << gamma << 1/T_s; "
-        f"{study.sweeps[0].rmse.shape[0]} gammas by {study.sweeps[0].rmse.shape[1]} seeds, noise of standard deviation {SIGMA} held 0.01.",
+        "Table: measured RMSE of x2 / its law sigma sqrt(T_s gamma³ c), which leaves out phi and the hold "
+        f"(1 << gamma << 1/T_s), for {gammas} gammas by {seeds} seeds, noise of standard deviation {SIGMA} held {PERIOD}.",
     ]
 
 

@@ -12,7 +12,8 @@ h1 { font-size: 1.6rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }
 img { max-width: 100%; height: auto; } figure { margin: 1rem 0; } figcaption { color: #555; font-size: .9rem; }
 .scroll { overflow-x: auto; } table { border-collapse: collapse; font-size: .82rem; white-space: nowrap; }
 th, td { text-align: right; padding: .25rem .6rem; border-bottom: 1px solid #e3e3e3; font-variant-numeric: tabular-nums; }
-th { border-bottom: 1px solid #666; } th:first-child, td:first-child { text-align: left; position: sticky; left: 0; background: #fff; }
+th { border-bottom: 1px solid #666; }
+th:first-child, td:first-child { text-align: left; position: sticky; left: 0; background: #fff; }
 """
 
 
@@ -28,7 +29,11 @@ def page(title: str, sections: list[Section]) -> str:
         body += [_figure(path, caption) for path, caption in pictures]
         body.append(_table(table))
     head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{html.escape(title)}</title>'
-    return f'<!doctype html>\n<html lang="en"><head>{head}<style>{STYLE}</style></head>\n<body>\n' + "\n".join(body) + "\n</body></html>\n"
+    return (
+        f'<!doctype html>\n<html lang="en"><head>{head}<style>{STYLE}</style></head>\n<body>\n'
+        + "\n".join(body)
+        + "\n</body></html>\n"
+    )
 
 
 def _figure(path: Path, caption: str) -> str:
