@@ -3,6 +3,8 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check -q
 unexport VIRTUAL_ENV PYTHONHOME PYTHONPATH
+# The tests run side by side, and small matrices gain nothing from threads.
+test slow: export OPENBLAS_NUM_THREADS := 1
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .PHONY: help demo test slow check format lock clean

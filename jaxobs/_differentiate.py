@@ -1,5 +1,7 @@
 """A recorded signal in, its derivatives out."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -24,7 +26,7 @@ def differentiate(
     """
     require_integer("differentiate", "order", order, 1, "It is the highest derivative wanted.")
     require_integer("differentiate", "extra", extra, 0, "It counts states beyond the highest derivative.")
-    grid = time_grid("differentiate", ts, jnp.result_type(float), uniform=True)
+    grid = time_grid("differentiate", ts, jnp.result_type(float))
     y = jnp.asarray(y, grid.ts.dtype)
     if y.shape != grid.ts.shape:
         raise refuse("differentiate", "y", f"shape {y.shape}", f"{grid.ts.shape}", "Give one sample for each time.")
@@ -48,4 +50,5 @@ def differentiate(
         rates = jnp.geomspace(4 / (grid.ts[-1] - grid.ts[0]), 3 / grid.spacing, CANDIDATES)
         errors = jax.lax.map(lambda rate: jnp.mean(track(rate).innovation[2 * (n + q) :] ** 2), rates, batch_size=CANDIDATES)
         mu = rates[jnp.nanargmin(errors)]
-    return track(mu)
+    found = track(mu)
+    return dataclasses.replace(found, xhat=found.xhat[:, : order + 1])

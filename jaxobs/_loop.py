@@ -73,8 +73,14 @@ class Grid(NamedTuple):
     spacing: Scalar
 
 
-def time_grid(owner: str, ts: Any, dtype: Any, uniform: bool) -> Grid:
-    """Checks (where the values are concrete): one axis, two samples at least, finite, increasing, and uniform if asked."""
+JITTER = 0.5  # of a period: recorded clocks; what is more is a gap
+
+
+def time_grid(owner: str, ts: Any, dtype: Any, most_uneven: float | None = JITTER) -> Grid:
+    """Checks (where the values are concrete): one axis, two samples at least, finite, increasing, and even if asked.
+
+    most_uneven: how far a step may be from the mean one, as a share of it; None for any grid.
+    """
     if np.ndim(ts) != 1 or np.shape(ts)[0] < 2:
         raise refuse(owner, "ts", f"shape {np.shape(ts)}", "(T,) with T >= 2", "Give one time for each sample.")
     known = concrete(ts)
@@ -91,7 +97,7 @@ def time_grid(owner: str, ts: Any, dtype: Any, uniform: bool) -> Grid:
         given = f"ts[{row}] = {known[row]:.9g} after ts[{row - 1}] = {known[row - 1]:.9g}"
         raise refuse(owner, "ts", given, "increasing times", "Sort the record and drop doubled rows.")
     spacing = (known[-1] - known[0]) / len(dts)
-    if uniform and np.max(np.abs(dts - spacing)) > 0.5 * spacing:
+    if most_uneven is not None and np.max(np.abs(dts - spacing)) > most_uneven * spacing:
         row = int(np.argmax(np.abs(dts - spacing))) + 1
         given = f"a step of {dts[row - 1]:.6g} s before row {row}, {spacing:.6g} s on average"
         raise refuse(
@@ -105,16 +111,16 @@ def _with_last(dts: Any) -> Any:
     return jnp.concatenate([dts, dts[-1:]]) if isinstance(dts, jax.Array) else np.append(dts, dts[-1])
 
 
-def check_period(owner: str, observer: Module, spacing: Scalar) -> None:
-    """An observer made for one sampling period meets data of that period, to 1e-3 (recorded clocks jitter)."""
-    period = getattr(observer, "dt", None)
-    if period is None:
+def check_period(owner: str, part: Module, spacing: Scalar) -> None:
+    """A part made for one sampling period, or with such a model, meets data of that period, to 1e-3 (clocks jitter)."""
+    maker = next((m for m in (part, getattr(part, "model", None)) if hasattr(m, "dt")), None)
+    if maker is None:
         return
-    given, made_for = concrete(spacing), concrete(period)
+    given, made_for = concrete(spacing), concrete(getattr(maker, "dt"))  # noqa: B009 (not every Module has one)
     if given is not None and made_for is not None and abs(given / made_for - 1) > 1e-3:
         raise refuse(
-            owner, "ts", f"samples {given:.6g} s apart", f"{type(observer).__name__}.dt = {made_for:.6g} s",
-            "Build the observer for the spacing of the data, or resample the data.",
+            owner, "ts", f"samples {given:.6g} s apart", f"{type(maker).__name__}.dt = {made_for:.6g} s",
+            f"Build the {type(part).__name__} for this spacing, or resample.",
         )  # fmt: skip
 
 

@@ -46,7 +46,7 @@ def observe(
     """
     check(observer)
     dtype = dtype_of(observer)
-    grid = time_grid("observe", ts, dtype, uniform=True)
+    grid = time_grid("observe", ts, dtype)
     if isinstance(observer, AbstractFlowObserver):
         observer = Sampled(observer, integrator or RK4(), grid.spacing)
     elif integrator is not None:

@@ -19,10 +19,12 @@ DT = 0.1
 
 # fmt: off
 CASES: dict[str, Callable[[Callable[[Any], jax.Array]], Module]] = {  # f makes an array of the precision asked for
+    "Discretised": lambda f: plants.Discretised(plants.Pendulum(f(1.2), f(0.3)), integrators.Euler(), f(DT)),
     "Duffing": lambda f: plants.Duffing(f(1.1), f(0.7)),
-    "EulerLorenz": lambda f: plants.EulerLorenz(plants.Lorenz(f(10), f(28), f(2.5)), f(0.01)),
     "GatedChain": lambda f: plants.GatedChain(),
     "IntegratorChain": lambda f: plants.IntegratorChain(3),
+    "LearnedField": lambda f: plants.LearnedField(
+        f([[0.5, -0.2], [0.1, 0.9]]), f([0.1, -0.3]), f([2.0, -1.0]), f([0.2, 0.0]), f([1.0, 2.0]), f(DT)),
     "Lienard": lambda f: plants.Lienard(f(1.3)),
     "Lorenz": lambda f: plants.Lorenz(f(10), f(28), f(2.5)),
     "Pendulum": lambda f: plants.Pendulum(f(1.2), f(0.3)),
@@ -30,6 +32,7 @@ CASES: dict[str, Callable[[Callable[[Any], jax.Array]], Module]] = {  # f makes 
     "SineChain": lambda f: plants.SineChain(f(0.9), 3),
     "SwingingLeg": lambda f: plants.SwingingLeg(f(9.0), f(0.4), f(0.6), f(-0.2)),
     "VanDerPol": lambda f: plants.VanDerPol(f(1.3)),
+    "WithTones": lambda f: plants.WithTones(plants.SampledChain(2, f(DT)), f([2.0, 0.7]), f([0.1, 0.0]), f(DT)),
 
     "Held": lambda f: signals.Held(f([0.0, 0.45, 1.05]), f([[1.0, 2.0], [3.0, -1.0], [0.5, 0.0]])),
     "Recorded": lambda f: signals.Recorded(f([0.0, 0.45, 1.05]), f([[1.0, 2.0], [3.0, -1.0], [0.5, 0.0]])),
@@ -59,9 +62,9 @@ CASES: dict[str, Callable[[Callable[[Any], jax.Array]], Module]] = {  # f makes 
     "IntegralHighGain q=0": lambda f: observers.IntegralHighGain(plants.VanDerPol(f(1.3)), f([1.5, 1.0]), f(2.0), 0),
     "Luenberger": lambda f: observers.Luenberger(plants.Lorenz(f(10), f(28), f(2.5)), f([[0.5], [2.0], [0.1]])),
     "Sampled": lambda f: observers.Sampled(
-        observers.HighGain(plants.SineChain(f(0.9), 3), f([3.0, 3.0, 1.0]), f(4.0)), integrators.Exponential(), f(DT)),
+        observers.HighGain(plants.Pendulum(f(1.2), f(0.3)), f([1.5, 1.0]), f(3.0)), integrators.Exponential(), f(DT)),
     "StepLuenberger": lambda f: observers.StepLuenberger(
-        plants.EulerLorenz(plants.Lorenz(f(10), f(28), f(2.5)), f(0.01)), f([[0.1], [0.3], [0.1]])),
+        plants.Discretised(plants.Pendulum(f(1.2), f(0.3)), integrators.Euler(), f(DT)), f([[0.4], [0.3]])),
     "Tracker": lambda f: observers.Tracker(2, 1, f(4.0), f(0.2)),
     "Tracker q=0": lambda f: observers.Tracker(3, 0, f(4.0), f(0.2)),
 
@@ -91,7 +94,7 @@ def inputs(thing: Any, dtype: Any = np.float64) -> dict[str, jax.Array]:
         case noise.AbstractNoise():
             given = {"ts": np.arange(6) * DT}
         case integrators.AbstractIntegrator():
-            given = t | {"dt": np.asarray(DT), "vector": rng.normal(size=2), "scalar": rng.normal(size=())}
+            given = t | {"vector": rng.normal(size=2), "scalar": rng.normal(size=())}
         case observers.AbstractObserver():
             y, u = rng.normal(size=(3, thing.p)), rng.normal(size=(3, thing.m))
             given = t | {"xhat0": rng.normal(size=thing.n), "y": y, "u": u}
@@ -146,8 +149,8 @@ def _(integrator: integrators.AbstractIntegrator, given):
         return a @ z + b, dw
 
     field = integrators.Field(flow, lambda t, state: ((a, None), rest(t, *state)))
-    state = given["vector"], given["scalar"]
-    return {"z": integrator.step(field, integrator.prepare(field, given["dt"], state), given["t"], given["dt"], state)}
+    state, dt = (given["vector"], given["scalar"]), jnp.full_like(given["t"], DT)
+    return {"z": integrator.step(field, integrator.prepare(field, dt, state), given["t"], dt, state)}
 
 
 @work.register
@@ -165,7 +168,7 @@ def _(observer: observers.AbstractFlowObserver, given):
     t, u, y = given["t"], given["u"][0], given["y"][0]
     z = observer.init(given["xhat0"])
     split = {"split": observer.split(t, z, u, y)} if hasattr(observer, "split") else {}
-    sampled = observers.Sampled(observer, integrators.RK4(), jnp.full_like(t, DT))
+    sampled = observers.Sampled(observer, integrators.Euler(), jnp.full_like(t, DT))
     return {"flow": observer.flow(t, z, u, y), **split, **work(sampled, given)}
 
 

@@ -22,6 +22,7 @@ RANK = {
     "studies": (4, 1),
     "tuning": (4, 2),
     "papers": (4, 3),
+    "demo": (4, 4),
     **dict.fromkeys(["cli", "report", "plotting", "__main__"], (5, 0)),
     "": (5, 0),  # jaxobs/__init__.py names every layer, so only the last one may import it
 }

@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from jaxobs._module import Scalar, concrete, param, refuse
+from jaxobs._module import Scalar, concrete, dtype_of, param, refuse
 from jaxobs.noise.base import AbstractNoise, additive, grid_shape
 
 
@@ -48,7 +48,10 @@ class Sum(AbstractNoise):
     def sample(self, key, ts, p):
         keys = jax.random.split(key, len(self.parts))
         paths = [part.sample(k, ts, p) for part, k in zip(self.parts, keys, strict=True)]
-        return jnp.sum(jnp.stack([w for w, _ in paths]), axis=0), jnp.all(jnp.stack([valid for _, valid in paths]), axis=0)
+        dtype = dtype_of(self)
+        return jnp.sum(jnp.stack([w.astype(dtype) for w, _ in paths]), axis=0), jnp.all(
+            jnp.stack([valid for _, valid in paths]), axis=0
+        )
 
 
 def _require_probability(noise: AbstractNoise, value) -> None:

@@ -6,11 +6,18 @@ from jaxtyping import Array, Float
 
 from jaxobs import hurwitz
 from jaxobs._module import Module, Scalar, concrete, refuse, require_finite, require_positive, require_shape
+from jaxobs.plants import AbstractChain
 
 
 def powers(gamma: Scalar, count: int) -> Float[Array, " count"]:
     """(gamma, gamma^2, ..., gamma^count)."""
     return gamma ** jnp.arange(1, count + 1, dtype=gamma.dtype)
+
+
+def require_chain(observer: Module, model: object) -> None:
+    if not isinstance(model, AbstractChain):
+        fix = "Write it as a subclass of AbstractChain, or use Luenberger."
+        raise refuse(observer, "model", type(model).__name__, "a plant in chain form", fix)
 
 
 def check_gains(observer: Module, alphas: Float[Array, " N"], gamma: Scalar, count: int, what: str) -> None:

@@ -22,7 +22,8 @@ class DiscreteTracker(AbstractStepObserver):
 
     This is paper 001, (30) and (33), in the corrected form: y_k enters the estimate at k, the gain is that of H_k, and all
     poles lie at sigma (the printed denominators of (35)-(37) are unstable). start = None takes the steady gain from the
-    first sample; otherwise H_0 = start I + dt C~'C~ and there is no peaking.
+    first sample; otherwise H_0 = start I + dt C~'C~ and there is no peaking. Polynomials of degree < n are followed without
+    error for q = 0; for q > 0 of degree < 2, and beyond that up to dt^2/12 y'', the cost of the straight lines.
 
     n >= 1, q >= 0, mu [1/s] > 0, dt [s] > 0 (checked against the data), start > 0 or None.
     """

@@ -3,7 +3,7 @@
 from jaxtyping import Array, Float
 
 from jaxobs._module import Scalar, param
-from jaxobs.observers._gains import check_gains, powers
+from jaxobs.observers._gains import check_gains, powers, require_chain
 from jaxobs.observers.base import AbstractFlowObserver
 from jaxobs.plants import AbstractChain
 
@@ -20,6 +20,7 @@ class HighGain(AbstractFlowObserver):
     p = 1
 
     def __check_init__(self):
+        require_chain(self, self.model)
         check_gains(self, self.alphas, self.gamma, self.n, f"n = {self.n} coefficients")
 
     @property

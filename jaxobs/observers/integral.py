@@ -4,7 +4,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxobs._module import Scalar, param, require_integer, static
-from jaxobs.observers._gains import check_gains, powers
+from jaxobs.observers._gains import check_gains, powers, require_chain
 from jaxobs.observers.base import AbstractFlowObserver
 from jaxobs.plants import AbstractChain
 
@@ -28,6 +28,7 @@ class IntegralHighGain(AbstractFlowObserver):
     p = 1
 
     def __check_init__(self):
+        require_chain(self, self.model)
         require_integer(self, "q", self.q, 0, "It counts the integrators between innovation and injection.")
         what = f"n + q = {self.n} + {self.q} coefficients"
         check_gains(self, self.alphas, self.gamma, self.n + self.q, what)

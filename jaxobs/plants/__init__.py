@@ -14,7 +14,6 @@ from jaxobs.plants.integrator_chain import IntegratorChain as IntegratorChain
 from jaxobs.plants.integrator_chain import SampledChain as SampledChain
 from jaxobs.plants.learned_field import LearnedField as LearnedField
 from jaxobs.plants.leg import SwingingLeg as SwingingLeg
-from jaxobs.plants.lorenz import EulerLorenz as EulerLorenz
 from jaxobs.plants.lorenz import Lorenz as Lorenz
 from jaxobs.plants.pendulum import Pendulum as Pendulum
 from jaxobs.plants.sine_chain import SineChain as SineChain

@@ -30,7 +30,8 @@ class Discretised(AbstractStepPlant):
         return self.plant.p
 
     def step(self, k, x, u):
-        field = Field(lambda t, x: self.plant.flow(t, x, u))
+        split = getattr(self.plant, "split", None)
+        field = Field(lambda t, x: self.plant.flow(t, x, u), split and (lambda t, x: split(t, x, u)))
         t = jnp.asarray(k, self.dt.dtype) * self.dt
         return self.integrator.step(field, self.integrator.prepare(field, self.dt, x), t, self.dt, x)
 
@@ -39,4 +40,4 @@ class Discretised(AbstractStepPlant):
 
     def disturbance_matrix(self):
         """E dt: a disturbance held over the step, to first order."""
-        return self.plant.disturbance_matrix() * self.dt
+        return self.plant.disturbance_matrix().astype(self.dt.dtype) * self.dt

@@ -1,9 +1,8 @@
-"""The Lorenz system, continuous and in the Euler form of paper 004, example 3."""
+"""The Lorenz system. Its Euler map of paper 004, example 3, is Discretised(Lorenz(), Euler(), 0.001)."""
 
 import jax.numpy as jnp
 
-from jaxobs._module import Scalar, dtype_of, param, require_positive
-from jaxobs.plants.base import AbstractStepPlant
+from jaxobs._module import Scalar, dtype_of, param
 from jaxobs.plants.forms import AbstractLipschitz
 
 
@@ -33,25 +32,3 @@ class Lorenz(AbstractLipschitz):
 
     def g(self, y, u):
         return jnp.zeros((3,), y.dtype)
-
-
-class EulerLorenz(AbstractStepPlant):
-    """x+ = x + dt f(x) with f the Lorenz flow, y = x2 (paper 004, (13) and example 3, dt = 0.001)."""
-
-    continuous: Lorenz
-    dt: Scalar = param(default=0.001)
-    n = 3
-    m = 0
-    p = 1
-
-    def __check_init__(self):
-        require_positive(self, "dt", self.dt, "It is the sampling period.")
-
-    def step(self, k, x, u):
-        return x + self.dt * self.continuous.flow(jnp.asarray(k, x.dtype) * self.dt, x, u)
-
-    def h(self, x, u):
-        return self.continuous.h(x, u)
-
-    def disturbance_matrix(self):
-        return self.continuous.disturbance_matrix()

@@ -16,24 +16,15 @@ def riccati(gain):
     column = {pair: place for place, pair in enumerate(pairs)}
     unknowns = len(pairs) + n
     rows, right = [], []
-
-    def equation(terms, value):
-        row = [flint.fmpq(0)] * unknowns
-        for place in terms:
-            row[place] += 1
-        rows.extend(row)
-        right.append(value)
-
     for i, j in pairs:
-        terms = [column[i + 1, j] if i < j else column[i, i + 1]] * (i + 1 < n) if i < j or i + 1 < n else []
-        if i == j:
-            terms = [*([column[i, i + 1]] * 2 if i + 1 < n else []), len(pairs) + i]
-        elif j + 1 < n:
-            terms = [*terms, column[i, j + 1]]
-        equation(terms, gain[i] * gain[j])
+        terms = [column[tuple(sorted(pair))] for pair in ((i + 1, j), (i, j + 1)) if max(pair) < n]
+        rows.append(terms + [len(pairs) + i] * (i == j))
+        right.append(gain[i] * gain[j])
     for i in range(n):
-        equation([column[0, i]], gain[i])
-    solved = flint.fmpq_mat(unknowns, unknowns, rows).solve(flint.fmpq_mat(unknowns, 1, right))
+        rows.append([column[0, i]])
+        right.append(gain[i])
+    dense = [flint.fmpq(row.count(place)) for row in rows for place in range(unknowns)]
+    solved = flint.fmpq_mat(unknowns, unknowns, dense).solve(flint.fmpq_mat(unknowns, 1, right))
     p = [[solved[column[min(i, j), max(i, j)], 0] for j in range(n)] for i in range(n)]
     return p, [solved[len(pairs) + i, 0] for i in range(n)]
 

@@ -1,0 +1,222 @@
+"""Certificates: true claims pass, false ones are refused with their reason, files are never trusted."""
+
+import dataclasses
+import itertools
+import json
+import re
+import time
+
+import numpy as np
+import pytest
+from oracles import certificate as oracle
+from oracles import polynomial, riccati
+
+from jaxobs import certificates
+from jaxobs.certificates import Condition5, base
+
+ALPHAS, GAMMA, RHO = (3.0, 2.0), 6.0, 1.5  # paper 000, (68)-(71): mu < 3.5620, nu > 1299.9..., the edge of rho is 1.5683
+
+
+def paper(**changes):
+    p, _ = riccati.solve(ALPHAS, GAMMA)
+    mu, nu = riccati.parts(ALPHAS, GAMMA)[0] * (1 - 1e-9), np.linalg.eigvalsh(p)[-1] * (1 + 1e-9)
+    return dataclasses.replace(Condition5(("a reason",), ALPHAS, GAMMA, RHO, 2, 0, float(mu), float(nu)), **changes)
+
+
+def judged(c):
+    return oracle.holds(c.alphas, c.gamma, c.lipschitz, c.mu, c.nu)
+
+
+def random_certificate(rng):
+    """Random size and gain, witnesses close to the edge, a Lipschitz constant on either side of it."""
+    size = int(rng.integers(1, 6))
+    q = int(rng.integers(0, size))
+    alphas = polynomial.spectral_factor(np.exp(rng.uniform(-1, 1, size)))
+    gamma = float(10 ** rng.uniform(-0.3, 0.7))
+    p, _ = riccati.solve(alphas, gamma)
+    left, right = riccati.parts(alphas, gamma)
+    rho = left / right * 10 ** rng.uniform(-0.3, 0.1)
+    mu, nu = left * (1 - 1e-6), np.linalg.eigvalsh(p)[-1] * (1 + 1e-6)
+    return Condition5((), tuple(map(float, alphas)), gamma, float(rho), size - q, q, float(mu), float(nu))
+
+
+def mutated(c, rng):
+    """One to three stored numbers changed, by anything from the last digit to a factor, a sign or another exponent."""
+    values = [*c.alphas, c.gamma, c.lipschitz, c.mu, c.nu]
+    for place in rng.integers(0, len(values), rng.integers(1, 4)):
+        kind = rng.integers(0, 4)
+        if kind == 0:
+            values[place] = float(np.nextafter(values[place], rng.choice([0.0, np.inf])))
+        elif kind == 1:
+            values[place] *= 1 + float(rng.choice([-1, 1]) * 10 ** rng.uniform(-12, -0.5))
+        elif kind == 2:
+            values[place] *= float(10 ** rng.uniform(-0.5, 0.5))
+        else:
+            values[place] *= float(rng.choice([-1.0, 0.0, 2.0**-40, 2.0**40]))
+    *alphas, gamma, lipschitz, mu, nu = values
+    return dataclasses.replace(c, alphas=tuple(alphas), gamma=gamma, lipschitz=lipschitz, mu=mu, nu=nu)
+
+
+def compare_with_the_oracle(count, seed):
+    rng, counts = np.random.default_rng(seed), {True: 0, False: 0}
+    for _ in range(count):
+        c = mutated(random_certificate(rng), rng)
+        verdict = c.verify()
+        assert verdict.holds == judged(c), c
+        assert verdict.why.startswith("condition" if verdict.holds else "not certified")
+        counts[verdict.holds] += 1
+    print(f"{count} mutations: {counts[True]} still true and accepted, {counts[False]} false and refused")
+    assert min(counts.values()) > count / 20
+
+
+def test_a_true_claim_holds_with_its_margins():
+    verdict = paper().verify()
+    assert verdict
+    assert "condition (5) holds" in verdict.why
+    assert verdict.margins["largest_lipschitz"] == pytest.approx(1.568266599598, rel=1e-8)
+    assert verdict.margins["decay_rate_of_V"] == pytest.approx(3.5620382 - 1.5 * 2.2713219, rel=1e-6)
+    assert "(44)" in dataclasses.replace(paper(), n=1, q=1).verify().why
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"mu": 3.5621}, "Q - mu P > 0 fails"),
+        ({"nu": 1000.0}, "nu I - P > 0 fails"),
+        ({"nu": 1700.0}, "the margin is not positive"),
+        ({"mu": 3.0}, "the margin is not positive"),
+        ({"lipschitz": 1.5683}, "the margin is not positive"),
+        ({"gamma": 5.7}, "Q - mu P > 0 fails"),
+        ({"gamma": 6.3}, "nu I - P > 0 fails"),
+        ({"alphas": (1.0, 2.0)}, "condition (10) fails, q_1 = -3"),
+        ({"alphas": (-3.0, 2.0)}, "positive definite"),
+        ({"alphas": (3.0, 2.0, 1.0)}, "3 alphas for n = 2, q = 0"),
+        ({"n": 0, "q": 2}, "n = 0"),
+        ({"lipschitz": 0.0}, "must be positive"),
+        ({"mu": -1.0}, "must be positive"),
+        ({"nu": float("inf")}, "not finite"),
+        ({"alphas": (float("nan"), 2.0)}, "not finite"),
+    ],
+)
+def test_a_false_claim_is_refused_with_its_reason(changes, reason):
+    verdict = paper(**changes).verify()
+    assert not verdict
+    assert reason in verdict.why
+    assert verdict.why.startswith("not certified")
+
+
+def test_the_edge_is_sharp_to_the_last_digits():
+    """Bisection to neighbouring floats: one is accepted, the next is refused, as the oracle says."""
+    for field, inside, outside in [("lipschitz", 1.5, 1.6), ("mu", 3.55, 3.57), ("nu", 1400.0, 1200.0)]:
+        while (middle := (inside + outside) / 2) not in (inside, outside):
+            inside, outside = (middle, outside) if paper(**{field: middle}).verify() else (inside, middle)
+        assert judged(paper(**{field: inside}))
+        assert not judged(paper(**{field: outside}))
+
+
+def test_mutations_are_accepted_exactly_when_true():
+    compare_with_the_oracle(220, seed=1)
+
+
+@pytest.mark.slow
+def test_five_thousand_mutations():
+    compare_with_the_oracle(5000, seed=2)
+
+
+def test_round_trip_through_a_file_is_exact(tmp_path):
+    rng = np.random.default_rng(3)
+    for c in [paper(), *(random_certificate(rng) for _ in range(10))]:
+        c.to_json(tmp_path / "c.json")
+        loaded = certificates.load(tmp_path / "c.json")
+        assert loaded == c
+        assert loaded.verify() == c.verify()
+        assert loaded.claim == c.claim
+
+
+def written(path, changes=(), drop=(), resign=True):
+    data = paper().to_dict() | dict(changes)
+    data = {key: value for key, value in data.items() if key not in drop}
+    if resign:
+        data["sha256"] = base.digest({key: value for key, value in data.items() if key != "sha256"})
+    path.write_text(json.dumps(data), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("text", ["", "no", "[1, 2", "3", "null", "[]", "{}", '"jaxobs-cert/1"', "[" * 100_000, "9" * 5000])
+def test_load_refuses_what_is_no_certificate(tmp_path, text):
+    path = tmp_path / "c.json"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=r"c\.json"):
+        certificates.load(path)
+
+
+def test_load_refuses_bytes(tmp_path):
+    path = tmp_path / "c.json"
+    path.write_bytes(b"\xff\xfe\x00{")
+    with pytest.raises(ValueError, match="not JSON"):
+        certificates.load(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "drop", "message"),
+    [
+        ({"format": "jaxobs-cert/2"}, (), "expected one written by"),
+        ({"theorem": "condition6"}, (), "given theorem 'condition6'"),
+        ({"theorem": ["condition5"]}, (), "given theorem"),
+        ({}, ("theorem",), "given theorem None"),
+        *(
+            ({}, (name,), f"given no '{name}'")
+            for name in ("alphas", "gamma", "lipschitz", "n", "q", "mu", "nu", "assumptions")
+        ),
+        *(({"gamma": wrong}, (), "gamma: ") for wrong in (6.0, 6, None, True, [], {}, "", "six", "0x1p5000", "1p", "0x")),
+        *(
+            ({"alphas": wrong}, (), "alphas: ")
+            for wrong in ("0x1p1", [3.0, 2.0], ["0x1p1", None], {}, [["0x1p1"]], ["0x1p9999"])
+        ),
+        *(({name: wrong}, (), f"{name}: ") for name in ("n", "q") for wrong in ("2", 2.0, True, None, [2])),
+        ({"assumptions": "none"}, (), "assumptions: "),
+        ({"assumptions": [1]}, (), "assumptions: "),
+    ],
+)
+def test_load_refuses_wrong_fields_even_with_a_right_hash(tmp_path, changes, drop, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        certificates.load(written(tmp_path / "c.json", changes, drop))
+
+
+@pytest.mark.parametrize("key", ["claim", "gamma", "alphas", "assumptions", "n", "sha256", "extra"])
+def test_load_refuses_damage(tmp_path, key):
+    changed = {"n": 3, "alphas": [], "assumptions": []}.get(key, "0x1p3")
+    with pytest.raises(ValueError, match="SHA-256"):
+        certificates.load(written(tmp_path / "c.json", {key: changed}, resign=False))
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf", "-0x1p3", "0x0p0", "0x0.0000000000001p-1022"])
+@pytest.mark.parametrize("field", ["gamma", "lipschitz", "mu", "nu"])
+def test_loaded_nonsense_does_not_hold(tmp_path, field, value):
+    verdict = certificates.load(written(tmp_path / "c.json", {field: value})).verify()
+    assert verdict.holds == (field == "lipschitz" and value.endswith("-1022"))
+
+
+@pytest.mark.parametrize(("n", "q"), [(10**30, 0), (-1, 3), (2, 10**30), (3, -1)])
+def test_loaded_sizes_that_do_not_fit_do_not_hold(tmp_path, n, q):
+    assert not certificates.load(written(tmp_path / "c.json", {"n": n, "q": q})).verify()
+
+
+EXTREME = (1e308, 5e-324, 1.0)
+
+
+@pytest.mark.parametrize("alphas", [(1e308, 1e308), (5e-324, 5e-324), (1.0, 1e308), (1e308, 1.0), (3.0, 2.0), (-1e308, 1e308)])
+def test_numbers_of_any_size_get_a_verdict(alphas):
+    began = time.perf_counter()
+    for gamma, rho, mu, nu in itertools.product(EXTREME, repeat=4):
+        c = Condition5((), alphas, gamma, rho, 2, 0, mu, nu)
+        assert c.verify().holds == judged(c)
+    assert time.perf_counter() - began < 10
+
+
+def test_ten_extreme_alphas_finish_quickly():
+    began = time.perf_counter()
+    for value in EXTREME:
+        c = Condition5((), (value,) * 10, 1e308, 5e-324, 10, 0, 5e-324, 1e308)
+        assert not c.verify()
+    assert time.perf_counter() - began < 10
