@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 _MODULES = (
     "certificates", "datasets", "designs", "hurwitz", "integrators", "linalg",
-    "metrics", "noise", "observers", "plants", "signals", "studies",
+    "metrics", "noise", "observers", "plants", "signals", "studies", "tuning",
 )  # fmt: skip
 _NAMES = {
     "Estimate": "_observe",
