@@ -38,14 +38,15 @@ def run(
     hold_innovation: bool,
     metrics: Mapping[str, AbstractMetric] | None = None,
 ) -> Any:
-    """(x, xhat, y, innovation) at every sample; or, with metrics, only their results, in memory that does not grow with time.
+    """(x, xhat, y, innovation) at every sample; or, with metrics, only their results and the time of divergence, in memory that
+    does not grow with time.
 
     An invalid y is replaced by the expected one: its innovation is zero, or, with `hold_innovation`, that of the last valid
     sample.
     """
 
     def body(carry, sample):
-        x, z, held, states = carry
+        x, z, held, states, lost = carry
         time = sample.k if isinstance(observer, AbstractStepObserver) else sample.t
         expected = observer.predict(time, z, sample.u)
         seen = measure(x, sample)
@@ -57,12 +58,17 @@ def run(
         if metrics is not None:
             moment = Moment(sample.t, x, xhat, innovation, sample.valid)
             states, out = {name: metric.update(states[name], moment) for name, metric in metrics.items()}, None
-        return (*advance(x, z, sample, y, held), held, states), out
+            finite = jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(xhat))
+            lost = jnp.where(finite, lost, jnp.minimum(lost, sample.t))
+        return (*advance(x, z, sample, y, held), held, states, lost), out
 
     held = jnp.zeros(samples.y.shape[1:], samples.y.dtype)
     states = {name: metric.init(observer.n, observer.p, held.dtype) for name, metric in (metrics or {}).items()}
-    (*_, states), out = jax.lax.scan(body, (x, z, held, states), samples)
-    return out if metrics is None else {name: metric.result(states[name]) for name, metric in metrics.items()}
+    never = jnp.asarray(jnp.inf, held.dtype)
+    (*_, states, lost), out = jax.lax.scan(body, (x, z, held, states, never), samples)
+    if metrics is None:
+        return out
+    return {name: metric.result(states[name]) for name, metric in metrics.items()} | {"diverged_at": lost}
 
 
 class Grid(NamedTuple):
@@ -97,6 +103,10 @@ def time_grid(owner: str, ts: Any, dtype: Any, most_uneven: float | None = JITTE
         given = f"ts[{row}] = {known[row]:.9g} after ts[{row - 1}] = {known[row - 1]:.9g}"
         raise refuse(owner, "ts", given, "increasing times", "Sort the record and drop doubled rows.")
     spacing = (known[-1] - known[0]) / len(dts)
+    if spacing < 64 * np.finfo(dtype).eps * np.max(np.abs(known)):
+        given = f"times near {known[-1]:.9g} s with steps of {spacing:.3g} s"
+        expected = f"times that {jnp.dtype(dtype).name} tells apart"
+        raise refuse(owner, "ts", given, expected, "Subtract ts[0], or work in float64 (jax_enable_x64).")
     if most_uneven is not None and np.max(np.abs(dts - spacing)) > most_uneven * spacing:
         row = int(np.argmax(np.abs(dts - spacing))) + 1
         given = f"a step of {dts[row - 1]:.6g} s before row {row}, {spacing:.6g} s on average"

@@ -77,7 +77,8 @@ def score(
 ) -> dict[str, Any]:
     """What `simulate` does, keeping the metrics only: they are updated inside the loop and no trajectory is stored.
 
-    `score(..., metrics={"rmse": RMSE(after=10.0)})["rmse"]`; plant and observer must have the same number of states.
+    `score(..., metrics={"rmse": RMSE(after=10.0)})["rmse"]`; plant and observer must have the same number of states. The key
+    "diverged_at" is always there: the first time [s] at which x or xhat is not finite, infinity if they always are.
     """
     if plant.n != observer.n:
         fix = "Metrics compare x with xhat; use simulate and compare what corresponds."

@@ -177,10 +177,12 @@ def test_single_precision_stays_single():
 
 
 def test_recorded_clocks_may_jitter():
-    late = 1.7e9 + TS + 1e-4 * DT * RNG.uniform(-1, 1, T)  # seconds since 1970: spacing survives the precision of the run
+    late = 1.7e9 + TS + 1e-4 * DT * RNG.uniform(-1, 1, T)  # seconds since 1970
     assert np.isfinite(jaxobs.observe(build("DiscreteTracker"), late, YS, xhat0=[0, 0]).xhat).all()
     single = jaxobs.astype(build("DiscreteTracker"), jnp.float32)
-    assert np.isfinite(jaxobs.observe(single, late, YS, xhat0=[0, 0]).xhat).all()
+    with pytest.raises(ValueError, match=r"observe\.ts.*float32 tells apart. Subtract ts\[0\]"):
+        jaxobs.observe(single, late, YS, xhat0=[0, 0])
+    jaxobs.observe(single, late - late[0], YS, xhat0=[0, 0])
     jaxobs.observe(build("DiscreteTracker"), TS * 1.0009, YS, xhat0=[0, 0])
 
 
