@@ -80,13 +80,14 @@ def verify(file: Annotated[Path, tyro.conf.Positional]) -> int:
     try:
         certificate = load(file)
     except (OSError, ValueError) as error:
-        Console(stderr=True).print(f"[red]{error}[/red]")
+        Console(stderr=True).print(error, style="red", markup=False)
         return 2
     verdict = certificate.verify()
-    console.print(f"claim: {certificate.claim}")
+    console.print("claim:", certificate.claim, markup=False)
     for assumption in certificate.assumptions:
-        console.print(f"assumes: {assumption}")
-    console.print(("[green]holds[/green]: " if verdict else "[red]not certified[/red]: ") + verdict.why)
+        console.print("assumes:", assumption, markup=False)
+    verdict_style = "green" if verdict else "red"
+    console.print("holds:" if verdict else "not certified:", verdict.why, style=verdict_style, markup=False)
     return 0 if verdict else 1
 
 

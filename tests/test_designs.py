@@ -1,6 +1,7 @@
 """designs.riccati: a certificate for the numbers that the observer carries, or Infeasible with what to change."""
 
 import dataclasses
+import pickle
 
 import jax
 import jax.numpy as jnp
@@ -101,6 +102,8 @@ def test_infeasible_says_by_how_much_and_what_to_change(wishes, margin, words):
     assert "unstable" not in text
     assert caught.value.margin < 0
     assert caught.value.change in text
+    again = pickle.loads(pickle.dumps(caught.value))
+    assert (str(again), again.smallest_gamma) == (text, caught.value.smallest_gamma)
     if "(10)" not in text:
         alphas = wishes.get("alphas", [4.0, 6.0, 4.0, 1.0])
         assert caught.value.margin == pytest.approx(riccati.largest_lipschitz(alphas, wishes["gamma"]) - 1.5, rel=1e-9)
@@ -130,8 +133,8 @@ def test_only_chains(as_users_have_it, plant):
         ({"gamma": 0.0}, r"HighGain\.gamma"),
         ({"gamma": -6.0}, r"HighGain\.gamma"),
         ({"gamma": float("nan")}, r"HighGain\.gamma"),
-        ({"q": -1, "alphas": [1.0]}, r"IntegralHighGain\.q"),
-        ({"q": 1.0, "alphas": [3.0, 3.0, 1.0]}, r"IntegralHighGain\.q"),
+        ({"q": -1, "alphas": [1.0]}, r"riccati\.q"),
+        ({"q": 1.0, "alphas": [3.0, 3.0, 1.0]}, r"riccati\.q"),
     ],
 )
 def test_what_the_observer_refuses_the_design_refuses(as_users_have_it, wishes, words):

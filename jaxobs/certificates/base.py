@@ -29,15 +29,22 @@ class Verdict:
 
 @dataclasses.dataclass(frozen=True)
 class AbstractCertificate(abc.ABC):
-    """A claim about stored numbers. Subclasses add the numbers (floats, or tuples of them), claim and verify."""
+    """A claim about stored numbers. Subclasses add the numbers (floats, or tuples of them), claim, assumptions and verify.
 
-    assumptions: tuple[str, ...]
+    Claim and assumptions are sentences of the theorem, made from the numbers: a file cannot bring its own.
+    """
+
     theorem: ClassVar[str]
 
     @property
     @abc.abstractmethod
     def claim(self) -> str:
-        """What is certified, as a sentence."""
+        """What is certified, with every number in full."""
+
+    @property
+    @abc.abstractmethod
+    def assumptions(self) -> tuple[str, ...]:
+        """What is taken for granted."""
 
     @abc.abstractmethod
     def verify(self) -> Verdict:
@@ -45,7 +52,7 @@ class AbstractCertificate(abc.ABC):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data: floats as hex strings (exact), and the SHA-256 of everything else in canonical form."""
-        body = {"format": FORMAT, "theorem": self.theorem, "claim": self.claim}
+        body = {"format": FORMAT, "theorem": self.theorem, "claim": self.claim, "assumptions": list(self.assumptions)}
         body |= {field.name: _encode(getattr(self, field.name)) for field in dataclasses.fields(self)}
         return body | {"sha256": digest(body)}
 

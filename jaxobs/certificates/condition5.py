@@ -8,6 +8,8 @@ from typing import ClassVar
 from jaxobs.certificates import exact
 from jaxobs.certificates.base import AbstractCertificate, Verdict
 
+LARGEST = 10  # n + q: beyond it no gain is of practical size, and a hostile file could keep the check busy
+
 
 @dataclasses.dataclass(frozen=True)
 class Condition5(AbstractCertificate):
@@ -31,10 +33,18 @@ class Condition5(AbstractCertificate):
 
     @property
     def claim(self) -> str:
+        kind = "high-gain" if self.q == 0 else f"{self.q}-integral high-gain"
         return (
-            f"the error of the {'high-gain' if self.q == 0 else f'{self.q}-integral high-gain'} observer with n = {self.n}, "
-            f"gamma = {self.gamma:.6g}, alphas = {tuple(float(f'{a:.6g}') for a in self.alphas)} decays exponentially "
-            f"for every phi with Lipschitz constant {self.lipschitz:.6g}"
+            f"the error of the {kind} observer with n = {self.n}, gamma = {self.gamma!r}, alphas = {self.alphas!r} "
+            f"decays exponentially for every phi with Lipschitz constant {self.lipschitz!r}"
+        )
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        return (
+            "the plant is x_i' = x_{i+1}, x_n' = phi(x, u), y = x_1, and the observer has the same phi",
+            f"phi is Lipschitz in x with the stored constant {self.lipschitz!r}, for every u that occurs (given, not proved)",
+            "continuous time, without measurement noise; gains alphas_i gamma^i in real arithmetic",
         )
 
     def verify(self) -> Verdict:
@@ -67,6 +77,8 @@ class Condition5(AbstractCertificate):
     def _malformed(self) -> str | None:
         if not (len(self.alphas) == self.n + self.q and self.n >= 1 and self.q >= 0):
             return f"{len(self.alphas)} alphas for n = {self.n}, q = {self.q}"
+        if len(self.alphas) > LARGEST:
+            return f"n + q = {len(self.alphas)} is more than {LARGEST}"
         if not all(math.isfinite(x) for x in (*self.alphas, self.gamma, self.lipschitz, self.mu, self.nu)):
             return "a stored number is not finite"
         if not (self.gamma > 0 and self.lipschitz > 0 and self.mu > 0 and self.nu > 0):

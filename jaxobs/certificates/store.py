@@ -30,7 +30,13 @@ def load(path: str | PathLike[str]) -> AbstractCertificate:
     kind = THEOREMS.get(str(data.get("theorem")))
     if kind is None:
         raise ValueError(f"{path}: given theorem {data.get('theorem')!r}; expected one of {', '.join(THEOREMS)}")
-    return kind(**_fields(path, kind, data))
+    certificate = kind(**_fields(path, kind, data))
+    for part, own in (("claim", certificate.claim), ("assumptions", list(certificate.assumptions))):
+        if data.get(part) != own:
+            raise ValueError(
+                f"{path}: {part}: given text of its own; expected that of theorem {kind.theorem} for these numbers"
+            )
+    return certificate
 
 
 def _fields(path: Any, kind: type[AbstractCertificate], data: dict[str, Any]) -> dict[str, Any]:

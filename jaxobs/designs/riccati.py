@@ -9,7 +9,7 @@ import scipy.linalg
 import scipy.optimize
 
 from jaxobs import hurwitz
-from jaxobs._module import Numbers, as_param, dtype_of, refuse
+from jaxobs._module import Numbers, as_param, dtype_of, refuse, require_integer
 from jaxobs.certificates import Condition5, exact
 from jaxobs.designs.infeasible import Infeasible
 from jaxobs.observers import HighGain, IntegralHighGain
@@ -35,9 +35,10 @@ def riccati(
         raise refuse(
             "riccati", "plant", type(plant).__name__, "a plant in chain form", "Write it as a subclass of AbstractChain."
         )
-    if not (np.isfinite(lipschitz) and lipschitz > 0):
+    require_integer("riccati", "q", q, 0, "It counts the integrators between innovation and injection.")
+    if not (isinstance(lipschitz, (int, float, np.number)) and np.isfinite(lipschitz) and lipschitz > 0):
         fix = "It bounds |phi(a, u) - phi(b, u)| / |a - b| over all a, b and u."
-        raise refuse("riccati", "lipschitz", lipschitz, "a positive number", fix)
+        raise refuse("riccati", "lipschitz", repr(lipschitz), "a positive number", fix)
     chosen = hurwitz.binomial(plant.n + q) if alphas is None else alphas
     draft = _observer(plant, chosen, 1.0 if gamma is None else gamma, q)
     weights = exact.chain_weights([Fraction(float(a)) for a in np.asarray(draft.alphas)])
@@ -57,8 +58,8 @@ def riccati(
             return observer, certificate
     name = "(5)" if q == 0 else "(44)"
     reason = f"condition {name} fails at gamma = {float(observer.gamma):.6g} for the Lipschitz constant {lipschitz:.6g}"
-    change = f"It holds for gamma > {smallest:.6g}; or give a smaller Lipschitz constant if one can be proved."
-    raise Infeasible(reason, margin, change)
+    change = f"It holds for gamma > {smallest * (1 + 1e-6):.8g}; or give a smaller Lipschitz constant if one can be proved."
+    raise Infeasible(reason, margin, change, smallest)
 
 
 def _observer(plant: AbstractChain, alphas: Numbers, gamma: Numbers, q: int) -> HighGain | IntegralHighGain:
@@ -104,11 +105,6 @@ def _certify(observer: HighGain | IntegralHighGain, lipschitz: float, q: int) ->
     for relative in (1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2):
         inside = min(relative, slack)
         certificate = Condition5(
-            assumptions=(
-                "the plant is x_i' = x_{i+1}, x_n' = phi(x, u), y = x_1, and the observer has the same phi",
-                f"phi is Lipschitz in x with the stored constant ({lipschitz:.9g}, given by the user), for every u that occurs",
-                "continuous time, without measurement noise; gains alphas_i gamma^i in real arithmetic",
-            ),
             alphas=tuple(float(a) for a in np.asarray(observer.alphas)),
             gamma=gamma,
             lipschitz=float(lipschitz),
