@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from jaxobs import plants as plants
     from jaxobs import signals as signals
     from jaxobs import studies as studies
+    from jaxobs._differentiate import Derivatives as Derivatives
     from jaxobs._differentiate import differentiate as differentiate
     from jaxobs._module import astype as astype
     from jaxobs._observe import Estimate as Estimate
@@ -41,6 +42,7 @@ _MODULES = (
     "metrics", "noise", "observers", "plants", "signals", "studies", "tuning",
 )  # fmt: skip
 _NAMES = {
+    "Derivatives": "_differentiate",
     "Estimate": "_observe",
     "Family": "studies",
     "Trajectory": "_simulate",

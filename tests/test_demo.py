@@ -9,20 +9,24 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.signal
 
 from jaxobs.demo import pendulum, walk, walk_candidates, walk_references
 from jaxobs.report import demo_figures, demo_text
 from jaxobs.report.page import page
 
+TONES = (50.0, 30.0, 22.0)
 FEW = ("fading memory n = 2 (tracker q = 0)", "Luenberger, chain n = 2, free gains")
 
 
 @pytest.fixture(scope="module")
 def studies():
     with pytest.MonkeyPatch.context() as patch:
-        few = [c for c in walk_candidates.candidates() if c.name in FEW]
-        print(f"{len(few)} of {len(walk_candidates.candidates())} candidates, a tenth of the steps; 8 x 16 of 64 x 256 lanes")
-        patch.setattr(walk, "candidates", lambda: few)
+        few = [c for c in walk_candidates.candidates(TONES) if c.name in FEW]
+        print(
+            f"{len(few)} of {len(walk_candidates.candidates(TONES))} candidates, a tenth of the steps; 8 x 16 of 64 x 256 lanes"
+        )
+        patch.setattr(walk, "candidates", lambda tones: few)
         return walk.study_walk(quick=True), pendulum.study_pendulum(quick=True)
 
 
@@ -63,7 +67,7 @@ def test_references_are_causal(make):
         assert not np.allclose(reference.filter(changed)[2000:2010], reference.filter(data.angle)[2000:2010])
 
 
-@pytest.mark.parametrize("candidate", walk_candidates.candidates(), ids=lambda c: c.name)
+@pytest.mark.parametrize("candidate", walk_candidates.candidates(TONES), ids=lambda c: c.name)
 def test_candidates_start_as_working_observers(candidate):
     """Every start is a valid observer of the angle, and the free numbers are counted right."""
     start = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), candidate.starts)
@@ -75,9 +79,31 @@ def test_delay_and_bootstrap():
     t = np.arange(2000) / 120
     truth = np.sin(5 * t)
     assert walk.delay(np.sin(5 * (t - 0.02)), truth) == pytest.approx(0.02, abs=1 / 120 / 20)
-    low, high = walk.block_bootstrap(np.random.default_rng(1).normal(size=4000), block=1)
+    assert np.isnan(walk.delay(np.sin(5 * (t - 0.2)), truth))  # beyond its range
+    low, high = walk.block_bootstrap(np.random.default_rng(1).normal(size=4000), 1)
     assert low < 1 < high  # the error of white noise: 1 +- 2/sqrt(8000)
     assert high - low == pytest.approx(4 / np.sqrt(8000), rel=0.2)
+
+
+def test_what_the_demo_takes_from_the_training_block():
+    """The stride by the oracle of peaks, and the lines of the magnetometer's spectrum that stand out."""
+    data = walk.shank_walk()
+    troughs = scipy.signal.find_peaks(-data.rate[walk.TRAIN], height=3, distance=100)[0]
+    assert walk.stride(data.rate[walk.TRAIN]) == pytest.approx(np.median(np.diff(troughs)), abs=2)
+    assert walk.tones(data.angle[walk.TRAIN]) == pytest.approx(TONES)
+
+
+def test_paired_change(studies):
+    """Against itself a row changes by nothing, exactly; intervals hold the middle."""
+    study = studies[0]
+    assert walk.paired_change(study, study.rows[0], study.rows[0]) == (0, 0, 0)
+    middle, low, high = walk.paired_change(study, study.rows[-1], study.rows[0])
+    assert low < middle < high < 0
+
+
+def test_settling_of_the_pendulum():
+    """alphas (3, 2), poles -1 and -2: e_x2 = 2 (e^-2t - e^-t), which leaves 5 % of its peak 1/2 for good at 4.38."""
+    assert pendulum._settling(np.asarray([3.0, 2.0]), 0) == pytest.approx(4.38, abs=0.011)
 
 
 def test_pendulum(studies):

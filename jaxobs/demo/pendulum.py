@@ -10,6 +10,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.linalg
 
 from jaxobs import hurwitz, linalg
 from jaxobs._module import astype
@@ -30,12 +31,13 @@ RHO = 1.5  # the paper's Lipschitz constant
 
 
 class Sweep(NamedTuple):
-    """RMSE of x2 over t >= 10 s, (gammas, seeds), of one observer structure, and the constant c of its noise law."""
+    """RMSE of x2 over t >= 10 s, (gammas, seeds), of one structure; c of its noise law; its settling time at gamma = 1."""
 
     name: str
     gammas: np.ndarray
     rmse: np.ndarray
     c: float
+    settling: float
 
     def law(self) -> np.ndarray:
         """sqrt(Var e_x2) = sigma sqrt(T_s gamma^3 c), for gamma T_s << 1."""
@@ -121,4 +123,18 @@ def _sweep(name: str, alphas: jax.Array, q: int, *, quick: bool) -> Sweep:
         return kept["rmse"][1]
 
     table = over(grid(astype(observer, single), gamma=gammas), loss)(jax.random.split(jax.random.key(1), seeds))
-    return Sweep(name, gammas, np.asarray(table, float), c)
+    return Sweep(name, gammas, np.asarray(table, float), c, _settling(np.asarray(alphas), q))
+
+
+def _settling(alphas: np.ndarray, q: int) -> float:
+    """When |e_x2| stays below 5 % of its peak, at gamma = 1, from e_x1(0) = 1, phi left out: e' = (A - alphas C) e."""
+    size = len(alphas)
+    error_flow = np.eye(size, k=1)
+    error_flow[:, 0] -= alphas
+    period = 0.01
+    step = scipy.linalg.expm(error_flow * period)
+    e, path = np.eye(size)[q], []
+    for _ in range(6000):
+        path.append(abs(e[q + 1]))
+        e = step @ e
+    return float(period * (np.flatnonzero(np.asarray(path) > 0.05 * max(path))[-1] + 1))

@@ -26,7 +26,6 @@ TRAIN = slice(200, 1756)  # the first 200 samples, standing and starting up, are
 CHOOSE = slice(1756, 2634)
 LAST = slice(2634, 3511)
 SECOND_HALF = slice(1756, 3511)
-STRIDE = 132  # samples: the block of the bootstrap, about one stride
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,7 +87,7 @@ def study_walk(*, quick: bool = False, progress: Callable[[str], None] = lambda 
         entries.append(Entry(kind, "gyroscope", ref.name, ref.parameters, ref.free, 0.0, ref.filter))
         progress(ref.name)
     with ThreadPoolExecutor(2) as pool:  # compiling and loops this small keep one core busy each
-        for tuned in pool.map(lambda candidate: _tune(candidate, walk, quick), candidates()):
+        for tuned in pool.map(lambda candidate: _tune(candidate, walk, quick), candidates(tones(walk.angle[TRAIN]))):
             entries += tuned
             progress(tuned[0].name)
         rates = list(pool.map(lambda entry: entry.filter(walk.angle), entries))
@@ -134,7 +133,7 @@ def _rate_of(observer: Observer) -> Callable[[np.ndarray], np.ndarray]:
 
 def _row(walk: Walk, entry: Entry, rate: np.ndarray) -> Row:
     error = rate - walk.rate
-    low, high = block_bootstrap(error[LAST])
+    low, high = block_bootstrap(error[LAST], stride(walk.rate[TRAIN]))
     small = 1e-4 * np.random.default_rng(0).normal(size=len(walk.angle))
     moved = (entry.filter(walk.angle + small) - rate)[CHOOSE]
     return Row(
@@ -154,20 +153,50 @@ def rms(error: np.ndarray) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
-def block_bootstrap(error: np.ndarray, block: int = STRIDE, draws: int = 2000) -> tuple[float, float]:
-    """A 95 % interval of the RMSE by circular blocks of one stride: errors within a stride are not independent."""
+def stride(rate: np.ndarray) -> int:
+    """Samples in a stride: where the rate resembles itself best, between half a second and two."""
+    centred = rate - rate.mean()
+    lags = np.arange(60, 240)
+    return int(lags[np.argmax([np.mean(centred[lag:] * centred[:-lag]) for lag in lags])])
+
+
+def tones(angle: np.ndarray, count: int = 3) -> tuple[float, ...]:
+    """The lines [Hz], above 15 and 4 apart, that stand out most in the angle's spectrum: starts for the tuning."""
+    frequency, power = scipy.signal.welch(angle, fs=1 / DT, nperseg=600)
+    prominence = power / scipy.signal.medfilt(power, 61)
+    peaks = [i for i in scipy.signal.find_peaks(prominence, distance=20)[0] if frequency[i] > 15]
+    return tuple(float(frequency[i]) for i in sorted(peaks, key=lambda i: -prominence[i])[:count])
+
+
+def _resampled(errors: np.ndarray, block: int, draws: int = 2000) -> np.ndarray:
+    """RMS of each column over circular blocks drawn with replacement, (draws, columns): the same blocks for every column."""
     rng = np.random.default_rng(0)
-    starts = rng.integers(len(error), size=(draws, -(-len(error) // block)))
-    index = (starts[:, :, None] + np.arange(block)).reshape(draws, -1)[:, : len(error)] % len(error)
-    values = np.sqrt(np.mean(error[index] ** 2, axis=1))
-    low, high = np.quantile(values, [0.025, 0.975])
+    count = len(errors)
+    starts = rng.integers(count, size=(draws, -(-count // block)))
+    index = (starts[:, :, None] + np.arange(block)).reshape(draws, -1)[:, :count] % count
+    return np.sqrt(np.mean(errors[index] ** 2, axis=1))
+
+
+def block_bootstrap(error: np.ndarray, block: int) -> tuple[float, float]:
+    """A 95 % interval of the RMSE by blocks of one stride: errors within a stride are not independent."""
+    low, high = np.quantile(_resampled(error[:, None], block)[:, 0], [0.025, 0.975])
     return float(low), float(high)
 
 
+def paired_change(study: WalkStudy, row: Row, against: Row) -> tuple[float, float, float]:
+    """The relative change of the RMSE on the last quarter and its 95 % interval, both rows on the same blocks."""
+    pair = [study.rates[study.rows.index(r)][LAST] - study.walk.rate[LAST] for r in (row, against)]
+    drawn = _resampled(np.stack(pair, axis=1), stride(study.walk.rate[TRAIN]))
+    low, high = np.quantile(drawn[:, 0] / drawn[:, 1] - 1, [0.025, 0.975])
+    return row.rmse / against.rmse - 1, float(low), float(high)
+
+
 def delay(estimate: np.ndarray, truth: np.ndarray, most: int = 12, finer: int = 20) -> float:
-    """The shift [s] of the estimate that minimises its distance to the truth, on a grid of a twentieth of a sample."""
+    """The shift [s] of the estimate that minimises its distance to the truth, on a grid of a twentieth of a sample; NaN if it
+    lies at the end of the range, 12 samples."""
     fine_truth = scipy.signal.resample_poly(truth, finer, 1)[: (len(truth) - 1) * finer + 1]
     inner = np.arange(most, len(estimate) - most)
     shifts = np.arange(-most * finer, most * finer + 1)
     errors = [np.mean((estimate[inner] - fine_truth[inner * finer - shift]) ** 2) for shift in shifts]
-    return float(shifts[int(np.argmin(errors))] / finer * DT)
+    best = int(np.argmin(errors))
+    return float(shifts[best] / finer * DT) if 0 < best < len(shifts) - 1 else float("nan")

@@ -15,9 +15,9 @@ from jaxobs.observers import CurrentLuenberger, DiscreteTracker, HighGain, Obser
 from jaxobs.plants import Discretised, LearnedField, SampledChain, SwingingLeg, WithTones
 
 DT = 1 / 120
-TONES = (50.0, 30.0, 24.0)  # Hz: mains hum and two weaker lines in the spectrum of the training block
-HIDDEN = 10
-GAMMA = 70.0  # 1/s, the gain scale from which the high-gain observer starts
+HIDDEN = 10  # units of the learned field
+SPEEDS = (0.7, 1.0, 1.4)  # the starts, side by side: slower, as given, faster
+GAMMA = 70.0  # 1/s: the unit of the high-gain observer's rates
 
 
 class Candidate(NamedTuple):
@@ -33,11 +33,11 @@ class Candidate(NamedTuple):
     penalty: Callable[[Any], Any] = lambda theta: 0.0
 
 
-def candidates() -> list[Candidate]:
-    """All of them, the simple ones first."""
+def candidates(tones: tuple[float, ...]) -> list[Candidate]:
+    """All of them, the simple ones first; tones [Hz] are where the models with tones start."""
     trackers = [tracker(n, q) for n in (2, 3, 4) for q in (0, 1, 2)]
-    chains = [chain(2), chain(3), chain(2, TONES)]
-    models = [high_gain_leg(), current_leg(), learned(()), learned(TONES)]
+    chains = [chain(2), chain(3), chain(2, tones)]
+    models = [high_gain_leg(), current_leg(), learned(()), learned(tones)]
     return trackers + chains + models
 
 
@@ -60,10 +60,10 @@ def chain(n: int, tones: tuple[float, ...] = ()) -> Candidate:
         model = SampledChain(n, DT) if not tones else _with_tones(SampledChain(n, DT), theta)
         return CurrentLuenberger(model, (_gain_scale(n, tones) * theta["gain"])[:, None])
 
-    start = {"gain": _gain_start(n, tones)} | _tone_start(tones)
+    starts = [{"gain": _gain_start(n, tones, faster)} | _tone_start(tones) for faster in SPEEDS]
     name = f"Luenberger, chain n = {n}, free gains" + (f" + {len(tones)} tones" if tones else "")
     parameters = f"{n + 2 * len(tones)} gains" + (f", {len(tones)} frequencies and decays" if tones else "")
-    return Candidate(name, parameters, n + 4 * len(tones), make, _one(start), 150, 5e-2)
+    return Candidate(name, parameters, n + 4 * len(tones), make, _stack(starts), 150, 5e-2)
 
 
 def high_gain_leg() -> Candidate:
@@ -72,8 +72,9 @@ def high_gain_leg() -> Candidate:
     def make(theta):
         return HighGain(_leg(theta), hurwitz.alphas_from_log_q(theta["log_q"]), GAMMA)
 
-    start = {"log_q": np.log([3.0, 3.0, 1.0])} | _leg_start()
-    return Candidate("high-gain, swinging leg (held samples)", "log q, a, b, c, rest", 7, make, _one(start), 120, 5e-2)
+    power = 2 * np.arange(1, 4)  # q_i scales with the square of gamma^i
+    starts = [{"log_q": np.log([3.0, 3.0, 1.0]) + power * np.log(faster)} | _leg_start() for faster in SPEEDS]
+    return Candidate("high-gain, swinging leg (held samples)", "log q, a, b, c, rest", 7, make, _stack(starts), 120, 5e-2)
 
 
 def current_leg() -> Candidate:
@@ -82,19 +83,15 @@ def current_leg() -> Candidate:
     def make(theta):
         return CurrentLuenberger(Discretised(_leg(theta), RK4(), DT), (_gain_scale(3, ()) * theta["gain"])[:, None])
 
-    start = {"gain": _gain_start(3, ())} | _leg_start()
-    return Candidate("Luenberger, swinging leg, free gains", "3 gains, a, b, c, rest", 7, make, _one(start), 120, 5e-2)
+    starts = [{"gain": _gain_start(3, (), faster)} | _leg_start() for faster in SPEEDS]
+    return Candidate("Luenberger, swinging leg, free gains", "3 gains, a, b, c, rest", 7, make, _stack(starts), 120, 5e-2)
 
 
 def learned(tones: tuple[float, ...]) -> Candidate:
     """The acceleration as a learned function of angle and rate; it starts as the fading-memory filter (v = 0)."""
-    rng = np.random.default_rng(0)
-    start = {
-        "gain": _gain_start(2, tones),
-        "weights": 1.5 * rng.normal(size=(HIDDEN, 2)),
-        "biases": rng.normal(size=HIDDEN),
-        "v": np.zeros(HIDDEN),
-    } | _tone_start(tones)
+    starts = [
+        _network(np.random.default_rng(seed)) | {"gain": _gain_start(2, tones, 1.0)} | _tone_start(tones) for seed in (0, 1)
+    ]
 
     def make(theta):
         field = LearnedField(theta["weights"], theta["biases"], 10 * theta["v"], [0.6, 0.0], [0.4, 2.5], DT)
@@ -106,11 +103,16 @@ def learned(tones: tuple[float, ...]) -> Candidate:
 
     name = "Luenberger, learned leg" + (f" + {len(tones)} tones" if tones else "")
     parameters = f"{2 + 2 * len(tones)} gains, {4 * HIDDEN} weights" + (", tones" if tones else "")
-    return Candidate(name, parameters, 2 + 4 * HIDDEN + 4 * len(tones), make, _one(start), 300, penalty=penalty)
+    return Candidate(name, parameters, 2 + 4 * HIDDEN + 4 * len(tones), make, _stack(starts), 300, penalty=penalty)
 
 
-def _one(start: dict[str, Any]) -> dict[str, Any]:
-    return {name: np.asarray(value, float)[None] for name, value in start.items()}
+def _stack(starts: list[dict[str, Any]]) -> dict[str, Any]:
+    return {name: np.stack([np.asarray(start[name], float) for start in starts]) for name in starts[0]}
+
+
+def _network(rng: np.random.Generator) -> dict[str, Any]:
+    """Random features, silent at first."""
+    return {"weights": 1.5 * rng.normal(size=(HIDDEN, 2)), "biases": rng.normal(size=HIDDEN), "v": np.zeros(HIDDEN)}
 
 
 def _gain_scale(n: int, tones: tuple[float, ...]):
@@ -120,8 +122,8 @@ def _gain_scale(n: int, tones: tuple[float, ...]):
     return jnp.concatenate([steady, jnp.full((2 * len(tones),), 0.1, steady.dtype)])
 
 
-def _gain_start(n: int, tones: tuple[float, ...]) -> np.ndarray:
-    return np.concatenate([np.ones(n), np.tile([1.0, 0.0], len(tones))])
+def _gain_start(n: int, tones: tuple[float, ...], faster: float) -> np.ndarray:
+    return np.concatenate([faster ** np.arange(n), np.tile([1.0, 0.0], len(tones))])
 
 
 def _tone_start(tones: tuple[float, ...]) -> dict[str, Any]:

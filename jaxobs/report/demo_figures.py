@@ -39,7 +39,7 @@ def walk_rate(study: WalkStudy, path: Path) -> str:
         axes[1].set(xlabel="time [s]", ylabel="rate [rad/s]", title="What is estimated, causally: its rate")
         figure.legend(loc="outside lower left", ncols=1, fontsize=9)
         figure.savefig(path)
-    return f"Four seconds of the last quarter. RMSE there: {_label(study.rows[simple])}; {_label(study.chosen)}."
+    return "Four seconds of the last quarter; in the legend, the RMSE on the whole of it."
 
 
 def walk_table(study: WalkStudy, path: Path) -> str:
