@@ -26,7 +26,11 @@ if TYPE_CHECKING:
     from jaxobs import studies as studies
     from jaxobs._differentiate import Derivatives as Derivatives
     from jaxobs._differentiate import differentiate as differentiate
+    from jaxobs._module import Module as Module
+    from jaxobs._module import Scalar as Scalar
     from jaxobs._module import astype as astype
+    from jaxobs._module import param as param
+    from jaxobs._module import static as static
     from jaxobs._observe import Estimate as Estimate
     from jaxobs._observe import observe as observe
     from jaxobs._simulate import Trajectory as Trajectory
@@ -45,14 +49,18 @@ _NAMES = {
     "Derivatives": "_differentiate",
     "Estimate": "_observe",
     "Family": "studies",
+    "Module": "_module",
+    "Scalar": "_module",
     "Trajectory": "_simulate",
     "astype": "_module",
     "differentiate": "_differentiate",
     "grid": "studies",
     "observe": "_observe",
     "over": "studies",
+    "param": "_module",
     "score": "_simulate",
     "simulate": "_simulate",
+    "static": "_module",
 }
 
 

@@ -5,6 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import pytest
+
+import jaxobs
+
 README = Path(__file__).parent.parent / "README.md"
 
 
@@ -15,6 +20,20 @@ def test_example_runs_in_a_fresh_interpreter():
     assert done.returncode == 0, done.stderr
     assert "exact arithmetic" in done.stdout
     assert "d RMSE / d gamma" in done.stdout
+
+
+def test_contributing_examples_work():
+    """The plant, the observer and the design of CONTRIBUTING.md, put together."""
+    text = (README.parent / "CONTRIBUTING.md").read_text()
+    made = {}
+    for code in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL):
+        exec(compile(code, "CONTRIBUTING.md", "exec"), made)
+    plant = made["Damped"]()
+    observer, certificate = made["twice_as_fast"](plant, lipschitz=1.01)
+    assert certificate.verify()
+    assert float(observer.gamma) == pytest.approx(2 * 8.2115 * 1.01 / 1.5, rel=1e-2)
+    run = jaxobs.simulate(plant, made["Proportional"](plant, 1.0), x0=[1.0, 0.0], xhat0=[0.0, 0.0], ts=np.arange(0, 10, 0.05))
+    assert np.abs(run.xhat[-1] - run.x[-1]).max() < 1e-2
 
 
 def test_pictures_and_links_exist():
