@@ -8,9 +8,29 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxobs._module import Module, Scalar, concrete, refuse
+from jaxobs._module import Module, Scalar, concrete, is_real, refuse, require_instance
+from jaxobs.integrators import AbstractIntegrator
 from jaxobs.metrics import AbstractMetric, Moment
+from jaxobs.noise import AbstractNoise
 from jaxobs.observers import AbstractStepObserver, Observer
+from jaxobs.plants import AbstractFlowPlant, AbstractStepPlant
+from jaxobs.signals import AbstractSignal
+
+PARTS = {  # argument -> what it must be, what to try
+    "plant": (AbstractFlowPlant | AbstractStepPlant, "Give a plant, e.g. jaxobs.plants.Pendulum(); the observer comes second."),
+    "observer": (Observer, "Give the observer alone: a design returns it together with its certificate."),
+    "signal": (AbstractSignal | None, "Build it first, e.g. jaxobs.signals.Sine(0.5, 2.0); no signal is no input."),
+    "noise": (AbstractNoise | None, "Build it first, e.g. jaxobs.noise.Gaussian(0.1)."),
+    "disturbance": (AbstractNoise | None, "Build it first, e.g. jaxobs.noise.Gaussian(0.1)."),
+    "integrator": (AbstractIntegrator | None, "Build it first, e.g. jaxobs.integrators.RK4()."),
+}
+
+
+def require_parts(owner: str, **parts: Any) -> None:
+    """Each argument is an object of its kind."""
+    for field, part in parts.items():
+        kind, fix = PARTS[field]
+        require_instance(owner, field, part, kind, fix)
 
 
 class Sample(NamedTuple):
@@ -93,6 +113,10 @@ def time_grid(owner: str, ts: Any, dtype: Any, most_uneven: float | None = JITTE
     if known is None:
         dts = jnp.diff(ts)
         return Grid(ts.astype(dtype), _with_last(dts).astype(dtype), jnp.mean(dts).astype(dtype))
+    if not is_real(known.dtype):
+        raise refuse(
+            owner, "ts", f"dtype {known.dtype}", "seconds as floats", "For dates: (ts - ts[0]) / np.timedelta64(1, 's')."
+        )
     known = known.astype(np.float64)
     if not np.all(np.isfinite(known)):
         row = int(np.argmin(np.isfinite(known)))

@@ -5,7 +5,9 @@ NumPy array, a tracer) into an array of a strong float dtype, so that replacing 
 """
 
 import dataclasses
-from typing import Any, TypeAlias, TypeVar, dataclass_transform
+import reprlib
+from types import NoneType, UnionType
+from typing import Any, TypeAlias, TypeVar, dataclass_transform, get_args, overload
 
 import equinox as eqx
 import jax
@@ -20,13 +22,32 @@ Numbers = ArrayLike | list[Any] | tuple[Any, ...]  # what a user may give for an
 T = TypeVar("T")
 
 
+@overload
+def as_param(value: None) -> None: ...
+@overload
+def as_param(value: Numbers) -> Array: ...
 def as_param(value: Numbers | None) -> Array | None:
-    """A strong float array: floating arrays keep their dtype, everything else takes JAX's default float."""
+    """A strong float array: floating arrays keep their dtype, every other real number takes JAX's default float."""
     if value is None:
         return None
-    array = jnp.asarray(value)
+    try:
+        array = jnp.asarray(value)
+    except (TypeError, ValueError) as error:  # a string, a ragged list
+        raise _not_real(value) from error
+    if not is_real(array.dtype):
+        raise _not_real(value)
     strong = jnp.issubdtype(array.dtype, jnp.floating) and not array.weak_type
     return jax.lax.convert_element_type(array, array.dtype if strong else jnp.result_type(float))
+
+
+def is_real(dtype: Any) -> bool:
+    """Whether numbers of this dtype are floats, integers or truth values."""
+    return any(jnp.issubdtype(dtype, kind) for kind in (jnp.floating, jnp.integer, jnp.bool_))
+
+
+def _not_real(value: Any) -> ValueError:
+    fix = "Give a number, an array, or a list whose rows have one length."
+    return ValueError(f"Parameter: given {reprlib.repr(value)}; expected real numbers. {fix}")
 
 
 def param(**kwargs: Any) -> Any:
@@ -46,7 +67,8 @@ class Module(eqx.Module):
     def __check_init__(self):
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            if value is None or field.metadata.get("converter") is not as_param:
+            optional = value is None and NoneType in get_args(field.type)
+            if optional or field.metadata.get("converter") is not as_param:
                 continue
             if field.type in (Scalar, OptionalScalar):
                 require_shape(self, field.name, value, (), "A grid of values goes through jaxobs.grid and jaxobs.over.")
@@ -86,26 +108,58 @@ def refuse(owner: Any, field: str, given: Any, expected: str, fix: str) -> Value
     return ValueError(f"{name}.{field}: given {given}; expected {expected}. {fix}")
 
 
+def require_instance(owner: Any, field: str, value: Any, kind: type | UnionType, fix: str) -> None:
+    """An object of this class, or of one of these: not the class itself, nor anything that holds or resembles it."""
+    if not isinstance(value, kind):
+        kinds = get_args(kind) if isinstance(kind, UnionType) else (kind,)
+        given = f"the class {value.__name__}" if isinstance(value, type) else f"{type(value).__name__} {reprlib.repr(value)}"
+        names = ["None" if one is NoneType else one.__name__ for one in kinds]
+        raise refuse(owner, field, given, f"an instance of {' or '.join(names)}", fix)
+
+
 def require_shape(owner: Any, field: str, value: Any, shape: tuple[int, ...], fix: str) -> None:
     if np.shape(value) != shape:
         raise refuse(owner, field, f"shape {np.shape(value)}", f"shape {shape}", fix)
 
 
 def require_finite(owner: Any, field: str, value: Any) -> None:
-    known = concrete(value)
+    known = _known(owner, field, value)
     if known is not None and not np.all(np.isfinite(known)):
         raise refuse(owner, field, known, "finite numbers", "Remove the NaN or infinity at its origin.")
 
 
 def require_positive(owner: Any, field: str, value: Any, fix: str) -> None:
-    known = concrete(value)
+    known = _known(owner, field, value)
     if known is not None and not np.all(known > 0):
         raise refuse(owner, field, known, "a positive number", fix)
+
+
+def require_nonnegative(owner: Any, field: str, value: Any, fix: str) -> None:
+    known = _known(owner, field, value)
+    if known is not None and not np.all(known >= 0):
+        raise refuse(owner, field, known, "a number >= 0", fix)
+
+
+def _known(owner: Any, field: str, value: Any) -> np.ndarray | None:
+    """`concrete`, of a number that has to be given."""
+    if value is None:
+        raise refuse(owner, field, "None", "a number", "It has no default.")
+    return concrete(value)
 
 
 def require_integer(owner: Any, field: str, value: Any, least: int, fix: str) -> None:
     if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < least:
         raise refuse(owner, field, repr(value), f"an integer >= {least}", fix)
+
+
+def key_axes(value: Any) -> int | None:
+    """The number of axes of an array of PRNG keys, 0 for a single one, of either style; None for anything else."""
+    dtype = getattr(value, "dtype", None)
+    if dtype is None:
+        return None
+    if jnp.issubdtype(dtype, jax.dtypes.prng_key):
+        return value.ndim
+    return value.ndim - 1 if dtype == jnp.uint32 and value.ndim > 0 else None
 
 
 def check(module: Module) -> None:

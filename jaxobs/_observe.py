@@ -3,12 +3,13 @@
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxobs._loop import Sample, as_state, check_period, divergence_time, run, time_grid
-from jaxobs._module import Module, Numbers, Scalar, check, concrete, dtype_of, refuse
+from jaxobs._loop import Sample, as_state, check_period, divergence_time, require_parts, run, time_grid
+from jaxobs._module import Module, Numbers, Scalar, check, concrete, dtype_of, is_real, refuse
 from jaxobs.integrators import RK4, AbstractIntegrator
 from jaxobs.observers import AbstractFlowObserver, AbstractStepObserver, Observer, Sampled
 
@@ -39,11 +40,13 @@ def observe(
 ) -> Estimate:
     """xhat_k = estimate(k, z_k, u_k, y_k), then z_{k+1} = step(k, z_k, u_k, y_k), over a record (ts, ys, us).
 
-    ts (T,) evenly spaced, ys (T, p) or (T,) if p = 1, us (T, m). NaN in ys marks a lost sample: its innovation is zero, or
-    that of the last valid sample with `hold_innovation`. A flow observer becomes Sampled(observer, integrator) with y and u
-    held between samples, which adds half a period of delay; integrator defaults to RK4(). Works under jit, vmap and grad.
+    ts (T,) evenly spaced, ys (T, p) or (T,) if p = 1, us (T, m), to be left out if m = 0. NaN in ys marks a lost sample:
+    its innovation is zero, or that of the last valid sample with `hold_innovation`. A flow observer becomes
+    Sampled(observer, integrator) with y and u held between samples, which adds half a period of delay; integrator defaults to
+    RK4(). Works under jit, vmap and grad.
     ValueError names the argument that does not fit.
     """
+    require_parts("observe", observer=observer, integrator=integrator)
     check(observer)
     dtype = dtype_of(observer)
     grid = time_grid("observe", ts, dtype)
@@ -54,7 +57,10 @@ def observe(
     check_period("observe", observer, grid.spacing)
     count = grid.ts.shape[0]
     ys = _rows("ys", ys, count, observer.p, "output")
-    us = jnp.zeros((count, observer.m), dtype) if us is None else _inputs(us, count, observer.m, dtype)
+    if us is None and observer.m > 0:
+        fix = "Give us (T, m); zeros if the input was zero."
+        raise refuse("observe", "us", "None", f"({count}, {observer.m}): the input at every sample", fix)
+    us = jnp.zeros((count, 0), dtype) if us is None else _inputs(us, count, observer.m, dtype)
     return _observe(
         observer, grid.ts, grid.dts, ys, us, as_state("observe", "xhat0", xhat0, observer.n, dtype), hold_innovation
     )
@@ -75,7 +81,9 @@ def _observe(observer: AbstractStepObserver, ts, dts, ys, us, xhat0, hold_innova
 
 
 def _rows(field: str, value: Any, count: int, width: int, what: str) -> Any:
-    shape = np.shape(value)
+    shape, dtype = np.shape(value), (value if isinstance(value, jax.Array) else np.asarray(value)).dtype
+    if not is_real(dtype):
+        raise refuse("observe", field, f"dtype {dtype}", "real numbers", "Real and imaginary parts make two columns.")
     if shape == (count,) and width == 1:
         return jnp.asarray(value)[:, None]
     if shape != (count, width):

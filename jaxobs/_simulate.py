@@ -6,10 +6,11 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxobs._loop import JITTER, Grid, Sample, as_state, check_period, divergence_time, run, time_grid
-from jaxobs._module import Module, Numbers, Scalar, check, dtype_of, float_leaves, refuse
+from jaxobs._loop import JITTER, Grid, Sample, as_state, check_period, divergence_time, require_parts, run, time_grid
+from jaxobs._module import Module, Numbers, Scalar, check, dtype_of, float_leaves, key_axes, refuse, require_instance
 from jaxobs.integrators import RK4, AbstractIntegrator, Field
 from jaxobs.metrics import AbstractMetric
 from jaxobs.noise import AbstractNoise, Silent
@@ -80,11 +81,20 @@ def score(
     `score(..., metrics={"rmse": RMSE(after=10.0)})["rmse"]`; plant and observer must have the same number of states. The key
     "diverged_at" is always there: the first time [s] at which x or xhat is not finite, infinity if they always are.
     """
+    fix = 'Name them: metrics={"rmse": jaxobs.metrics.RMSE()}.'
+    require_instance("score", "metrics", metrics, Mapping, fix)
+    for name, metric in metrics.items():
+        require_instance("score", f"metrics[{name!r}]", metric, AbstractMetric, fix)
+    if "diverged_at" in metrics:
+        raise refuse("score", "metrics", "the name 'diverged_at'", "any other name", "That key holds the time of divergence.")
+    checked = _checked(_World(plant, signal, noise, disturbance, integrator), observer, x0, xhat0, ts, key)
     if plant.n != observer.n:
         fix = "Metrics compare x with xhat; use simulate and compare what corresponds."
         raise refuse("score", "observer", f"n = {observer.n} states", f"the plant's n = {plant.n}", fix)
-    world = _World(plant, signal, noise, disturbance, integrator)
-    return _simulate(*_checked(world, observer, x0, xhat0, ts, key), key, hold_innovation, dict(metrics))
+    return _simulate(*checked, key, hold_innovation, dict(metrics))
+
+
+FLOWS = AbstractFlowPlant | AbstractFlowObserver
 
 
 class _World(NamedTuple):
@@ -99,10 +109,17 @@ class _World(NamedTuple):
 
 def _checked(world: _World, observer: Observer, x0, xhat0, ts, key) -> tuple[_World, Observer, Array, Array, Grid]:
     """The parts of a run: they fit each other and have one precision."""
+    require_parts("simulate", observer=observer, **world._asdict())
     check(world.plant)
     check(observer)
     plant = world.plant
-    world = world._replace(signal=world.signal or Zero(plant.m), integrator=world.integrator or RK4())
+    if world.integrator is not None and not any(isinstance(part, FLOWS) for part in (plant, observer)):
+        given = type(world.integrator).__name__
+        raise refuse("simulate", "integrator", given, "none for a step plant with a step observer", "Leave it out.")
+    world = world._replace(
+        signal=Zero(plant.m) if world.signal is None else world.signal,
+        integrator=RK4() if world.integrator is None else world.integrator,
+    )
     dtype = _agree(world, observer, key)
     # An exponential integrator makes its matrices for one step; a step observer counts samples; the rest takes any grid.
     uneven = 1e-3 if world.integrator.needs_uniform_grid else JITTER if isinstance(observer, AbstractStepObserver) else None
@@ -194,6 +211,9 @@ def _agree(world: _World, observer: Observer, key: Any) -> Any:
         raise refuse("simulate", "signal", f"m = {signal.m} inputs", f"the plant's m = {plant.m}", fix)
     if key is None and (noise is not None or disturbance is not None):
         raise refuse("simulate", "key", "None", "a PRNG key", "Noise and disturbance draw from it: key=jax.random.key(0).")
+    if key is not None and key_axes(key) != 0:
+        given = f"{type(key).__name__} of shape {np.shape(key)}"
+        raise refuse("simulate", "key", given, "one PRNG key", "Make it from the seed: key=jax.random.key(0).")
     dtype = dtype_of(observer)
     for name, part in (("plant", plant), ("signal", signal)):
         if float_leaves(part) and dtype_of(part) != dtype:  # a part without numbers takes the precision of the run

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from jaxobs._module import Numbers, concrete, refuse
+from jaxobs._module import Numbers, as_param, concrete, refuse
 
 NEWTON_STEPS = 60  # 41 is the most ever seen (n = 10, q over 1e-3 .. 1e3)
 
@@ -44,10 +44,10 @@ def _padded(alphas: Float[Array, " n"]) -> Float[Array, " n+2"]:
     return jnp.concatenate([jnp.ones_like(alphas[:1]), alphas, jnp.zeros_like(alphas[:1])])
 
 
-def q_from_alphas(alphas: Float[Array, " n"]) -> Float[Array, " n"]:
+def q_from_alphas(alphas: Numbers) -> Float[Array, " n"]:
     """The weights q_i of the corrected (8); condition (10) holds when all are positive. Binomial alphas give q_i = C(n, i)."""
-    left, right, weight = _products(alphas.shape[0])
-    a = _padded(alphas)
+    a = _padded(as_param(alphas))
+    left, right, weight = _products(a.shape[0] - 2)
     return jnp.sum(jnp.asarray(weight, a.dtype) * a[left] * a[right], axis=1)
 
 
@@ -100,16 +100,18 @@ def _(primals, tangents):
     return alphas, jnp.linalg.solve(_q_jacobian(alphas), tangents[0])
 
 
-def alphas_from_log_q(log_q: Float[Array, " n"]) -> Float[Array, " n"]:
+def alphas_from_log_q(log_q: Numbers) -> Float[Array, " n"]:
     """The one Hurwitz polynomial with weights q = exp(log_q): the inverse of `q_from_alphas` on q > 0."""
+    log_q = as_param(log_q)
     n = log_q.shape[0]
     log_scale = log_q[-1] / (2 * n)
     order = jnp.arange(1, n + 1, dtype=log_q.dtype)
     return jnp.exp(order * log_scale) * _spectral_factor(jnp.exp(log_q - 2 * order * log_scale))
 
 
-def alphas_from_q(q: Float[Array, " n"]) -> Float[Array, " n"]:
+def alphas_from_q(q: Numbers) -> Float[Array, " n"]:
     """The one Hurwitz polynomial with these weights. ValueError names the q_i that is not positive (condition (10))."""
+    q = as_param(q)
     known = concrete(q)
     if known is not None and not np.all(known > 0):
         i = int(np.argmin(known > 0)) + 1
@@ -119,13 +121,15 @@ def alphas_from_q(q: Float[Array, " n"]) -> Float[Array, " n"]:
     return alphas_from_log_q(jnp.log(q))
 
 
-def alphas_from_poles(poles: Complex[Array, " n"]) -> Float[Array, " n"]:
+def alphas_from_poles(poles: Numbers) -> Float[Array, " n"]:
     """The coefficients of prod_i (s - pole_i), for poles closed under conjugation."""
-    return jnp.real(jnp.poly(poles))[1:]
+    given = jnp.asarray(poles)
+    return jnp.real(jnp.poly(given if jnp.iscomplexobj(given) else as_param(given)))[1:]
 
 
-def poles(alphas: Float[Array, " n"]) -> Complex[Array, " n"]:
+def poles(alphas: Numbers) -> Complex[Array, " n"]:
     """The roots of s^n + alpha_1 s^{n-1} + ... + alpha_n (eigenvalues of the companion matrix, in scaled time)."""
+    alphas = as_param(alphas)
     normal, scale = normalise(alphas)
     n = alphas.shape[0]
     companion = jnp.eye(n, k=1, dtype=alphas.dtype).at[:, 0].add(-normal)

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxobs import hurwitz
+from jaxobs._module import Numbers, require_nonnegative
 
 
 def shift(x: Float[Array, " n"]) -> Float[Array, " n"]:
@@ -82,13 +83,17 @@ def condition5_margin(alphas: Float[Array, " n"], gamma: Float[Array, ""], lipsc
     return largest_lipschitz(alphas, gamma) - lipschitz
 
 
-def smallest_gamma(alphas: Float[Array, " n"], lipschitz: Float[Array, ""]) -> Float[Array, ""]:
-    """The infimum of the gamma for which condition (5) holds (strictly above it); infinite where (10) fails.
+def smallest_gamma(alphas: Float[Array, " n"], lipschitz: Numbers) -> Float[Array, ""]:
+    """The infimum of the gamma for which condition (5) holds (strictly above it); infinite where (10) fails,
+    else 0 for lipschitz = 0.
 
     Bisection in log gamma between two bounds in closed form; the derivative is that of the implicit function.
     """
+    require_nonnegative("smallest_gamma", "lipschitz", lipschitz, "It bounds the slope of phi.")
+    lipschitz = jnp.asarray(lipschitz, alphas.dtype)
     fixed = jax.lax.stop_gradient(alphas)
-    rho = jax.lax.stop_gradient(jnp.asarray(lipschitz, alphas.dtype))
+    positive = lipschitz > 0
+    rho = jax.lax.stop_gradient(jnp.where(positive, lipschitz, 1))
     normal, scale = hurwitz.normalise(fixed)
     p, slowest, inverse_nn, valid = _gain_free_parts(normal)
     unit = 2 * rho * jnp.sqrt(inverse_nn) / slowest / scale
@@ -108,7 +113,7 @@ def smallest_gamma(alphas: Float[Array, " n"], lipschitz: Float[Array, ""]) -> F
     # One Newton step on the traced arguments: its value is the root's, its derivative the implicit one.
     residual = largest_lipschitz(alphas, root) - lipschitz
     step = (residual - jax.lax.stop_gradient(residual)) / jnp.where(valid, slope, 1)
-    return jnp.where(valid, root - step, jnp.inf)
+    return jnp.where(valid, jnp.where(positive, root - step, jnp.where(lipschitz == 0, 0, jnp.nan)), jnp.inf)
 
 
 def lyapunov(a: Float[Array, "n n"], q: Float[Array, "n n"]) -> Float[Array, "n n"]:

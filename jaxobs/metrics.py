@@ -12,9 +12,21 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxobs._module import Module, Scalar, param, require_integer, require_positive, static
+from jaxobs._module import (
+    Module,
+    Numbers,
+    Scalar,
+    param,
+    refuse,
+    require_instance,
+    require_integer,
+    require_positive,
+    require_shape,
+    static,
+)
 
 
 class Moment(NamedTuple):
@@ -51,11 +63,11 @@ class RMSE(AbstractMetric):
     def update(self, state, moment):
         total, count = state
         counts = moment.t >= self.after
-        return total + jnp.where(counts, (moment.xhat - moment.x) ** 2, 0), count + counts.astype(count.dtype)
+        return total + jnp.where(counts, moment.xhat - moment.x, 0) ** 2, count + counts.astype(count.dtype)
 
     def result(self, state):
         total, count = state
-        return jnp.where(count > 0, jnp.sqrt(total / jnp.maximum(count, 1)), jnp.nan)
+        return jnp.where(count > 0, _root(total / jnp.maximum(count, 1)), jnp.nan)
 
 
 class Peak(AbstractMetric):
@@ -118,7 +130,8 @@ class Whiteness(AbstractMetric):
     """Autocorrelations r_1..r_lags of the innovation, (p, lags), and the p-value of the Ljung-Box test, (p,).
 
     Q = T (T + 2) sum_l r_l^2 / (T - l) is chi-square with `lags` degrees of freedom if the innovation is white (its mean is
-    taken as zero: a bias shows as correlation). Lost samples count as zeros. Ljung and Box, Biometrika 65 (1978).
+    taken as zero: a bias shows as correlation). Lost samples count as zeros; T <= lags gives NaN. Ljung and Box, Biometrika
+    65 (1978).
     """
 
     lags: int = static(default=20)
@@ -138,7 +151,7 @@ class Whiteness(AbstractMetric):
 
     def result(self, state):
         _, products, count = state
-        r = products[:, 1:] / products[:, :1]
+        r = jnp.where(count > self.lags, products[:, 1:] / products[:, :1], jnp.nan)
         lag = jnp.arange(1, self.lags + 1, dtype=r.dtype)
         statistic = count * (count + 2) * jnp.sum(r**2 / (count - lag), axis=1)
         half = jnp.asarray(self.lags / 2, r.dtype)
@@ -170,14 +183,26 @@ class Consistency(AbstractMetric):
         return jnp.where(count > 0, total / jnp.maximum(count, 1), jnp.nan)
 
 
-def evaluate(metric: AbstractMetric, run: Any, x: Float[Array, "T n"] | None = None) -> Any:
-    """A running metric over a stored run: a Trajectory, or an Estimate with the truth x beside it."""
-    truth = run.x if x is None else x
-    moments = Moment(run.ts, truth, run.xhat, run.innovation, run.valid)
+def evaluate(metric: AbstractMetric, run: Any, x: Numbers | None = None) -> Any:
+    """A running metric over a stored run: a Trajectory, or an Estimate with the truth x (T, n) beside it."""
+    require_instance("evaluate", "metric", metric, AbstractMetric, "Build it first, e.g. jaxobs.metrics.RMSE().")
+    truth = getattr(run, "x", None) if x is None else x
+    if truth is None:
+        fix = "A record has no truth of its own: evaluate(metric, estimate, x)."
+        raise refuse("evaluate", "x", "None", f"the true states, shape {run.xhat.shape}", fix)
+    require_shape("evaluate", "x", truth, run.xhat.shape, "One row for each time of the run, one column for each state.")
+    moments = Moment(run.ts, jnp.asarray(truth, run.xhat.dtype), run.xhat, run.innovation, run.valid)
     start = metric.init(run.xhat.shape[1], run.innovation.shape[1], run.xhat.dtype)
     return metric.result(jax.lax.scan(lambda state, moment: (metric.update(state, moment), None), start, moments)[0])
 
 
 def rmse(x: Float[Array, "T *n"], xhat: Float[Array, "T *n"]) -> Float[Array, "*n"]:
     """sqrt(mean_t (xhat - x)^2): RMSE() in one expression, for slices that are at hand."""
-    return jnp.sqrt(jnp.mean((xhat - x) ** 2, axis=0))
+    require_shape("rmse", "xhat", xhat, np.shape(x), "Compare like with like: cut both to the same times and states.")
+    return _root(jnp.mean((xhat - x) ** 2, axis=0))
+
+
+def _root(mean: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """The square root, with the gradient 0 at 0."""
+    positive = mean > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, mean, 1)), mean)

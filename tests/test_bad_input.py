@@ -1,13 +1,15 @@
 """A bad argument is refused at construction, naming class, field, given and expected; traced values are let through."""
 
 import re
+from types import SimpleNamespace
 
+import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxobs import integrators, metrics, noise, observers, plants, signals
+from jaxobs import hurwitz, integrators, linalg, metrics, noise, observers, plants, signals
 
 CHAIN = plants.IntegratorChain(2)
 NAN = float("nan")
@@ -39,6 +41,16 @@ def learned(weights=((1.0, 1.0),), biases=(0.0,), spread=(1.0, 1.0), dt=0.1):
 
 def tones(decays=(0.1,), dt=0.1):
     return plants.WithTones(plants.SampledChain(2, 0.1), [2.0], decays, dt)
+
+
+STEPS = plants.SampledChain(2, 0.1)
+ESTIMATE = SimpleNamespace(
+    ts=jnp.arange(3.0), xhat=jnp.zeros((3, 2)), innovation=jnp.zeros((3, 1)), valid=jnp.ones((3, 1), bool)
+)
+
+
+def compared(x=None, metric=None):
+    return metrics.evaluate(metric or metrics.Peak(), ESTIMATE, x)
 
 
 # the call, Class.field, what was given, what was expected
@@ -113,6 +125,38 @@ TABLE = [
     (lambda: metrics.Consistency(-1.0), "Consistency.variance", "-1.0", "a positive number"),
     (lambda: metrics.Whiteness(0), "Whiteness.lags", "0", "an integer >= 1"),
     (lambda: metrics.RMSE(after=NAN), "RMSE.after", "nan", "finite"),
+    (lambda: flow(gamma=None), "HighGain.gamma", "None", "a number"),
+    (lambda: tracker(mu=None), "Tracker.mu", "None", "a number"),
+    (lambda: tracker(start=None), "Tracker.start", "None", "a number"),
+    (lambda: digital(mu=None), "DiscreteTracker.mu", "None", "a number"),
+    (lambda: digital(dt=None), "DiscreteTracker.dt", "None", "a number"),
+    (lambda: plants.Pendulum(a=None), "Pendulum.a", "None", "a number"),
+    (lambda: flow(gamma="3"), "Parameter", "'3'", "real numbers"),
+    (lambda: flow(alphas=[1.0, [2.0, 3.0]]), "Parameter", "[1.0, [2.0, 3.0]]", "real numbers"),
+    (lambda: flow(alphas=[1.0, 2j]), "Parameter", "2j", "real numbers"),
+    (lambda: observers.HighGain(plants.Lorenz(), [1.5, 1.0], 3.0), "HighGain.model", "Lorenz", "AbstractChain"),
+    (lambda: observers.HighGain(plants.Pendulum, [1.5, 1.0], 3.0), "HighGain.model", "the class Pendulum", "AbstractChain"),
+    (lambda: observers.Luenberger(STEPS, [[1.0], [1.0]]), "Luenberger.model", "SampledChain", "AbstractFlowPlant"),
+    (lambda: observers.StepLuenberger(CHAIN, [[1.0], [1.0]]), "StepLuenberger.model", "Chain", "AbstractStepPlant"),
+    (lambda: observers.CurrentLuenberger(CHAIN, [[1.0], [1.0]]), "CurrentLuenberger.model", "Chain", "AbstractStepPlant"),
+    (lambda: observers.Sampled(digital(), integrators.RK4(), 0.1), "Sampled.observer", "Tracker", "AbstractFlowObserver"),
+    (lambda: observers.Sampled(flow(), integrators.RK4, 0.1), "Sampled.integrator", "the class RK4", "AbstractIntegrator"),
+    (lambda: observers.Sampled(flow(), 0.1, 0.1), "Sampled.integrator", "float 0.1", "AbstractIntegrator"),
+    (lambda: plants.Discretised(STEPS, integrators.RK4(), 0.1), "Discretised.plant", "SampledChain", "AbstractFlowPlant"),
+    (lambda: plants.Discretised(CHAIN, "RK4", 0.1), "Discretised.integrator", "str 'RK4'", "AbstractIntegrator"),
+    (lambda: plants.WithTones(CHAIN, [2.0], [0.1], 0.1), "WithTones.plant", "IntegratorChain", "AbstractStepPlant"),
+    (lambda: tones(dt=0.2), "WithTones.dt", "0.2", "SampledChain.dt = 0.1"),
+    (lambda: noise.Sum(noise.Bias(0.1)), "Sum.parts", "Bias", "tuple"),
+    (lambda: noise.Sum((noise.Bias(0.1), noise.Gaussian)), "Sum.parts[1]", "the class Gaussian", "AbstractNoise"),
+    (lambda: integrators.Adaptive(rtol=0.0), "Adaptive.rtol", "0.0", "a positive number"),
+    (lambda: integrators.Adaptive(atol=-1e-9), "Adaptive.atol", "-1e-09", "a positive number"),
+    (lambda: integrators.Adaptive(diffrax.Tsit5), "Adaptive.solver", "the class Tsit5", "AbstractSolver"),
+    (lambda: compared(), "evaluate.x", "None", "shape (3, 2)"),
+    (lambda: compared(np.zeros((3, 1))), "evaluate.x", "shape (3, 1)", "shape (3, 2)"),
+    (lambda: compared(np.zeros((3, 2)), metrics.Peak), "evaluate.metric", "the class Peak", "AbstractMetric"),
+    (lambda: metrics.rmse(jnp.zeros((3, 2)), jnp.zeros((3, 1))), "rmse.xhat", "shape (3, 1)", "shape (3, 2)"),
+    (lambda: linalg.smallest_gamma(hurwitz.binomial(2), -1.0), "smallest_gamma.lipschitz", "-1.0", "a number >= 0"),
+    (lambda: hurwitz.alphas_from_q([1.0, -2.0]), "alphas_from_q.q_2", "-2.0", "a positive number"),
 ]
 
 

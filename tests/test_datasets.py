@@ -22,7 +22,7 @@ def test_the_walk_and_its_independent_rate():
 
 
 def write(tmp_path, text):
-    (tmp_path / "r.csv").write_text(text)
+    (tmp_path / "r.csv").write_text(text, encoding="utf-8", newline="")
     return tmp_path / "r.csv"
 
 
@@ -40,7 +40,11 @@ def test_reads_named_columns_in_any_order(tmp_path):
     [
         ("t,b\n0,1\n1,2\n", ["read_csv.a", "no such column", "t, b"]),
         ("s,a\n0,1\n1,2\n", ["read_csv.t", "no such column", "s, a"]),
-        ("", ["read_csv.a", "no such column"]),
+        ("", ["read_csv.path", "an empty file"]),
+        ("\n \n", ["read_csv.path", "an empty file"]),
+        ("t,a,a\n0,1,2\n", ["read_csv.a", "2 columns", "one of that name"]),
+        ("t,a\n\n0,1\n \n1,two\n", ["read_csv.a", "'two' in row 2"]),
+        ('t,a\n0,1\n1,"2\n', ["read_csv.path", "quotes"]),
         ("t,a\n0,1\n1\n2,3\n", ["row 2", "1 fields", "expected 2"]),
         ("t,a\n0,1\n1,2,3\n", ["row 2", "3 fields"]),
         ("t,a\n0,1\n1,two\n2,3\n", ["read_csv.a", "'two' in row 2", "finite number"]),
@@ -64,3 +68,19 @@ def test_flaws_are_named(tmp_path, text, words):
 
 def test_without_a_clock_the_rows_may_come_in_any_order(tmp_path):
     assert read_csv(write(tmp_path, "t,a\n3,1\n1,2\n"), ["t"])["t"].tolist() == [3, 1]
+
+
+def test_a_byte_order_mark_and_quotes_are_read(tmp_path):
+    path = write(tmp_path, '\ufefft,"speed, m/s"\r\n"0", "1.5"\r\n1,2\r\n')
+    assert read_csv(path, ["speed, m/s"], time="t")["speed, m/s"].tolist() == [1.5, 2]
+
+
+def test_columns_are_a_list_of_names(tmp_path):
+    with pytest.raises(ValueError, match=r"read_csv\.columns: given 'a'; expected a list of names. Give \['a'\]"):
+        read_csv(write(tmp_path, "t,a\n0,1\n"), "a")
+
+
+def test_bytes_that_are_no_text_are_refused(tmp_path):
+    (tmp_path / "r.csv").write_bytes("t,a\n0,1 µ\n".encode("latin-1"))
+    with pytest.raises(ValueError, match=r"read_csv\.path: given byte 0xb5 at position 8; expected text in UTF-8"):
+        read_csv(tmp_path / "r.csv", ["a"])

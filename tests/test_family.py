@@ -130,10 +130,11 @@ REFUSED = [
     ({"alphas": [[1.5, 1.0], [1.5, -1.0]]}, r"HighGain\.alphas.*root\(s\) 0\.5.*left half plane"),
     ({"gama": [2.0]}, r"grid\.gama.*one of model\.a, model\.b, alphas, gamma"),
     ({"model": [2.0]}, r"grid\.model.*one of model\.a, model\.b, alphas, gamma"),
-    ({"gamma": 2.0}, r"grid\.gamma: given shape \(\); expected \(members"),
+    ({"gamma": 2.0}, r"grid\.gamma: given shape \(\); expected \(members,\)\. Give a list: gamma=\[2\.0\]"),
+    ({"n": [2, 3]}, r"grid\.n: given 2, which fixes shapes.*Build one observer for each value"),
     ({"gamma": []}, r"grid\.gamma: given shape \(0,\)"),
     ({"alphas": [1.5, 1.0]}, r"grid\.alphas: given shape \(2,\)"),
-    ({"alphas": [[1.5, 1.0, 1.0]]}, r"grid\.alphas: given shape \(1, 3\)"),
+    ({"alphas": [[1.5, 1.0, 1.0]]}, r"grid\.alphas: given shape \(1, 3\); expected \(members, 2\)"),
 ]
 
 
@@ -142,6 +143,24 @@ REFUSED = [
 def test_refused(axes, message):
     with pytest.raises(ValueError, match=message):
         grid(OBSERVER, **axes)
+
+
+def test_a_static_field_is_no_axis():
+    with pytest.raises(ValueError, match=r"grid\.q: given 2, which fixes shapes or structure"):
+        grid(build("IntegralHighGain"), q=[0, 1])
+
+
+@pytest.mark.parametrize("keys", [0, jax.random.key(0), jax.random.PRNGKey(0), [1, 2]], ids=["int", "key", "old key", "list"])
+def test_keys_have_an_axis(keys):
+    with pytest.raises(ValueError, match=r"over\.keys: given .*leading axis.*jax\.random\.split"):
+        over(OBSERVER, loss)(keys)
+
+
+@pytest.mark.usefixtures("as_users_have_it")
+@pytest.mark.parametrize("lanes", [0, 2.0, True])
+def test_lanes_are_counted(lanes):
+    with pytest.raises(ValueError, match=r"over\.lanes: given .*an integer >= 1"):
+        over(OBSERVER, loss, lanes=lanes)
 
 
 def test_parts_are_refused_by_the_name_of_their_class():

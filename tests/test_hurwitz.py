@@ -165,3 +165,14 @@ def test_what_has_no_answer_is_nan_and_stays_in_its_lane():
     alphas = np.asarray(jax.jit(jax.vmap(hurwitz.alphas_from_log_q))(rows))
     assert np.isfinite(alphas[[0, 4]]).all()
     assert np.isnan(alphas[1:4]).any(axis=1).all()
+
+
+@pytest.mark.parametrize("make", [list, tuple, np.asarray, jnp.asarray])
+def test_numbers_come_in_any_container(make):
+    """(s + 1)(s + 2) and its weights (5, 4)."""
+    np.testing.assert_allclose(hurwitz.q_from_alphas(make([3, 2])), [5, 4], rtol=1e-14)
+    np.testing.assert_allclose(hurwitz.alphas_from_q(make([5, 4])), [3, 2], rtol=1e-12)
+    np.testing.assert_allclose(hurwitz.alphas_from_log_q(make([math.log(5), math.log(4)])), [3, 2], rtol=1e-12)
+    np.testing.assert_allclose(np.sort(np.real(hurwitz.poles(make([3, 2])))), [-2, -1], rtol=1e-12)
+    np.testing.assert_allclose(hurwitz.alphas_from_poles(make([-1, -2])), [3, 2], rtol=1e-14)
+    np.testing.assert_allclose(hurwitz.alphas_from_poles(make([-1 + 1j, -1 - 1j])), [2, 2], rtol=1e-14)

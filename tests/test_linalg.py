@@ -126,6 +126,13 @@ def test_nothing_is_certified_where_condition_10_fails():
     assert margin(PAPER, jnp.asarray(6.0), rho) == pytest.approx(0.568267, abs=1e-6)
 
 
+def test_nothing_is_needed_for_the_lipschitz_constant_zero():
+    assert linalg.smallest_gamma(PAPER, 0) == 0
+    assert linalg.smallest_gamma(jnp.asarray([1.0, 1.0]), 0) == jnp.inf
+    assert jnp.isnan(smallest(PAPER, jnp.asarray(-1.0)))
+    assert jnp.isfinite(jax.jit(jax.grad(linalg.smallest_gamma, argnums=1))(PAPER, jnp.asarray(0.0)))
+
+
 @pytest.mark.parametrize("n", [1, 5, 8])
 def test_lyapunov_equals_scipy(n):
     rng = np.random.default_rng(n)

@@ -142,3 +142,21 @@ def test_p_value_is_uniform_under_white_noise_and_small_under_a_bias_or_correlat
         coloured[:, k] += 0.3 * coloured[:, k - 1]
     assert np.max(p_values(coloured)) < 1e-3
     assert np.max(p_values(white + 0.5)) < 1e-3
+
+
+def test_whiteness_needs_more_samples_than_lags(run):
+    short = SimpleNamespace(**{name: value[:5] for name, value in vars(run).items()})
+    for lags, known in ((4, True), (5, False), (8, False)):
+        result = evaluate(Whiteness(lags=lags), short)
+        assert np.isfinite(result["p_value"]).all() == np.isfinite(result["autocorrelation"]).all() == known
+        assert known or np.isnan(result["p_value"]).all()
+
+
+@pytest.mark.parametrize("after", [0.0, 99.0])
+def test_the_gradient_of_an_rmse_is_finite_at_no_error_and_where_nothing_counts(run, after):
+    def total(xhat):
+        moved = SimpleNamespace(**vars(run) | {"xhat": xhat})
+        return jnp.sum(evaluate(RMSE(after), moved)) + jnp.sum(rmse(run.x, xhat))
+
+    assert (jax.grad(total)(run.x) == 0).all()
+    assert np.isfinite(jax.grad(total)(run.xhat)).all()

@@ -203,6 +203,18 @@ REFUSED = [
     (HG, {"us": tampered(J, np.nan)}, r"observe\.us: given us\[5\]"),
     (HG, {"xhat0": [0, 0, 0]}, r"observe\.xhat0: given shape \(3,\); expected \(2,\)"),
     (HG, {"xhat0": [0, np.nan]}, r"observe\.xhat0.*finite"),
+    (HG, {"us": None}, r"observe\.us: given None; expected \(12, 1\).*Give us \(T, m\)"),
+    (HG, {"ys": YS + 1j}, r"observe\.ys: given dtype complex128; expected real numbers"),
+    (HG, {"ts": np.datetime64("2026-01-01", "s") + np.arange(T)}, r"observe\.ts: given dtype datetime64.*seconds as floats"),
+    ((HG, None), {}, r"observe\.observer: given tuple .*AbstractFlowObserver or AbstractStepObserver.*certificate"),
+    (observers.HighGain, {}, r"observe\.observer: given the class HighGain"),
+    (plants.Pendulum(), {}, r"observe\.observer: given Pendulum"),
+    (
+        HG,
+        {"integrator": integrators.RK4},
+        r"observe\.integrator: given the class RK4; expected an instance of AbstractIntegrator",
+    ),
+    (HG, {"integrator": "RK4"}, r"observe\.integrator: given str 'RK4'"),
     (DIGITAL, {"us": None, "integrator": integrators.RK4()}, r"observe\.integrator: given RK4; expected none"),
     (eqx.tree_at(lambda o: o.gamma, HG, jnp.asarray(-1.0)), {}, r"HighGain\.gamma: given -1\.0; expected a positive"),
 ]

@@ -212,6 +212,24 @@ REFUSED = [
     (STEP | {"observer": build("DiscreteTracker steady"), "ts": TS * 2, "xhat0": [0] * 3}, r"simulate\.ts.*0\.2 s apart"),
     ({"signal": signals.Zero(2)}, r"simulate\.signal: given m = 2 inputs; expected the plant's m = 1"),
     ({"signal": signals.Zero()}, r"simulate\.signal: given m = 0"),
+    ({"plant": HG, "observer": PLANT}, r"simulate\.observer: given Pendulum"),
+    (
+        {"plant": plants.Pendulum, "signal": None},
+        r"simulate\.plant: given the class Pendulum; .*AbstractFlowPlant or AbstractStep",
+    ),
+    ({"plant": DIGITAL}, r"simulate\.plant: given DiscreteTracker"),
+    ({"observer": (HG, None)}, r"simulate\.observer: given tuple .*certificate"),
+    ({"signal": 0.0}, r"simulate\.signal: given float 0\.0; expected an instance of AbstractSignal or None"),
+    ({"noise": 0.1}, r"simulate\.noise: given float 0\.1"),
+    ({"disturbance": noise.Gaussian}, r"simulate\.disturbance: given the class Gaussian"),
+    ({"integrator": integrators.RK4}, r"simulate\.integrator: given the class RK4"),
+    ({"integrator": "RK4"}, r"simulate\.integrator: given str 'RK4'"),
+    (
+        STEP | {"observer": build("DiscreteTracker steady"), "xhat0": [0] * 3, "integrator": integrators.RK4()},
+        r"simulate\.integrator: given RK4; expected none for a step plant",
+    ),
+    ({"key": 0}, r"simulate\.key: given int of shape \(\); expected one PRNG key.*jax\.random\.key"),
+    ({"key": jax.random.split(KEY)}, r"simulate\.key: given .* of shape \(2,\)"),
     ({"key": None}, r"simulate\.key: given None; expected a PRNG key"),
     ({"observer": HALF_HG}, r"simulate\.plant: given precision float64; expected the observer's float32.*astype"),
     ({"signal": HALF_SINE}, r"simulate\.signal: given precision float32; expected the observer's float64.*astype"),
@@ -225,3 +243,21 @@ REFUSED = [
 def test_refused(changed, message):
     with pytest.raises(ValueError, match=message):
         run(**changed)
+
+
+@pytest.mark.usefixtures("as_users_have_it")
+@pytest.mark.parametrize(
+    ("wanted", "message"),
+    [
+        ([metrics.RMSE()], r"score\.metrics: given list .*Mapping"),
+        ({"rmse": metrics.RMSE}, r"score\.metrics\['rmse'\]: given the class RMSE; expected an instance of AbstractMetric"),
+        ({"diverged_at": metrics.RMSE()}, r"score\.metrics: given the name 'diverged_at'"),
+    ],
+)
+def test_scores_need_named_metrics(wanted, message):
+    with pytest.raises(ValueError, match=message):
+        jaxobs.score(PLANT, HG, metrics=wanted, x0=[0, 0], xhat0=[0, 0], ts=TS, signal=SINE)
+
+
+def test_a_key_of_the_older_style_is_a_key():
+    assert np.isfinite(run(key=jax.random.PRNGKey(0)).xhat).all()

@@ -1,5 +1,6 @@
 """Numbers from a CSV file with a header, where nothing is missing unnoticed."""
 
+import csv
 from collections.abc import Sequence
 from os import PathLike
 
@@ -13,12 +14,16 @@ def read_csv(path: str | PathLike[str], columns: Sequence[str], time: str | None
 
     ValueError names a column that the header lacks, the row with a wrong number of fields or a field that is no finite
     number, and, for the column `time` [s], the row before which time does not increase or a gap of more than 1.5 periods opens.
-    Rows are counted from 1, the first one under the header.
+    Data rows are counted, from 1, the first one under the header: blank lines are skipped and not counted. The file is UTF-8,
+    with or without a byte order mark; fields may be quoted.
     """
-    with open(path, encoding="utf-8") as file:
-        header = [name.strip() for name in file.readline().rstrip("\n").split(",")]
-        rows = [line.rstrip("\n").split(",") for line in file if line.strip()]
+    if isinstance(columns, str):
+        raise refuse("read_csv", "columns", repr(columns), "a list of names", f"Give [{columns!r}].")
+    header, *rows = _records(path)
+    header = [name.strip() for name in header]
     for name in (*columns, *([time] if time else [])):
+        if header.count(name) > 1:
+            raise refuse("read_csv", name, f"{header.count(name)} columns", "one of that name", f"Rename them in {path}.")
         if name not in header:
             raise refuse("read_csv", name, "no such column", f"one of {', '.join(header)}", f"Check the header of {path}.")
     for number, row in enumerate(rows, start=1):
@@ -28,6 +33,22 @@ def read_csv(path: str | PathLike[str], columns: Sequence[str], time: str | None
     if time:
         _check_clock(path, time, table.get(time, _numbers(path, time, [row[header.index(time)] for row in rows])))
     return table
+
+
+def _records(path) -> list[list[str]]:
+    """The header and the data rows, without blank lines."""
+    try:
+        with open(path, encoding="utf-8-sig", newline="") as file:
+            read = list(csv.reader(file, skipinitialspace=True, strict=True))
+    except UnicodeDecodeError as error:
+        given = f"byte 0x{error.object[error.start]:02x} at position {error.start}"
+        raise refuse("read_csv", "path", given, "text in UTF-8", f"Save {path} again in that encoding.") from error
+    except csv.Error as error:
+        raise refuse("read_csv", "path", str(error), "comma-separated values", f"Mend the quotes of {path}.") from error
+    rows = [row for row in read if len(row) > 1 or "".join(row).strip()]
+    if not rows:
+        raise refuse("read_csv", "path", "an empty file", "a header and rows of data", f"Check {path}.")
+    return rows
 
 
 def _numbers(path, name: str, fields: list[str]) -> np.ndarray:

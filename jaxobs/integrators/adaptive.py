@@ -4,7 +4,7 @@ import diffrax
 import jax
 import jax.numpy as jnp
 
-from jaxobs._module import require_integer, static
+from jaxobs._module import require_instance, require_integer, require_positive, static
 from jaxobs.integrators.base import AbstractIntegrator
 
 
@@ -21,6 +21,9 @@ class Adaptive(AbstractIntegrator):
     max_steps: int = static(default=4096)
 
     def __check_init__(self):
+        require_instance(self, "solver", self.solver, diffrax.AbstractSolver, "Build it first, e.g. diffrax.Kvaerno5().")
+        require_positive(self, "rtol", self.rtol, "It is the relative error allowed in a step.")
+        require_positive(self, "atol", self.atol, "It is the absolute error allowed in a step.")
         require_integer(self, "max_steps", self.max_steps, 1, "It bounds the steps in one grid interval.")
 
     def prepare(self, field, dt, z):

@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from jaxobs._module import Scalar, concrete, param, refuse
+from jaxobs._module import Scalar, param, require_nonnegative
 from jaxobs.noise.base import AbstractNoise, additive, grid_shape
 
 
@@ -20,7 +20,7 @@ class Gaussian(AbstractNoise):
     sigma: Scalar = param()
 
     def __check_init__(self):
-        _require_nonnegative(self, "sigma", self.sigma)
+        require_nonnegative(self, "sigma", self.sigma, "It measures the size of the noise.")
 
     def sample(self, key, ts, p):
         return additive(self.sigma * jax.random.normal(key, *grid_shape(self, ts, p)))
@@ -32,7 +32,7 @@ class Uniform(AbstractNoise):
     width: Scalar = param()
 
     def __check_init__(self):
-        _require_nonnegative(self, "width", self.width)
+        require_nonnegative(self, "width", self.width, "It measures the size of the noise.")
 
     def sample(self, key, ts, p):
         shape, dtype = grid_shape(self, ts, p)
@@ -59,9 +59,3 @@ class Bias(AbstractNoise):
 
     def sample(self, key, ts, p):
         return additive(jnp.broadcast_to(self.value, (ts.shape[0], p)))
-
-
-def _require_nonnegative(noise: AbstractNoise, field: str, value) -> None:
-    known = concrete(value)
-    if known is not None and not (known >= 0).all():
-        raise refuse(noise, field, known, "a number >= 0", "It measures the size of the noise.")

@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from jaxobs._module import Scalar, concrete, dtype_of, param, refuse
+from jaxobs._module import Scalar, concrete, dtype_of, param, refuse, require_instance
 from jaxobs.noise.base import AbstractNoise, additive, grid_shape
 
 
@@ -42,6 +42,9 @@ class Sum(AbstractNoise):
     parts: tuple[AbstractNoise, ...]
 
     def __check_init__(self):
+        require_instance(self, "parts", self.parts, tuple | list, "Put the noises in a tuple: Sum((Gaussian(0.1), Bias(0.2))).")
+        for i, part in enumerate(self.parts):
+            require_instance(self, f"parts[{i}]", part, AbstractNoise, "Build it first, e.g. Gaussian(0.1).")
         if len(self.parts) == 0:
             raise refuse(self, "parts", "()", "at least one noise", "Use Silent() for no noise.")
 

@@ -5,7 +5,16 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxobs import hurwitz
-from jaxobs._module import Module, Scalar, concrete, refuse, require_finite, require_positive, require_shape
+from jaxobs._module import (
+    Module,
+    Scalar,
+    concrete,
+    refuse,
+    require_finite,
+    require_instance,
+    require_positive,
+    require_shape,
+)
 from jaxobs.plants import AbstractChain
 
 
@@ -15,9 +24,8 @@ def powers(gamma: Scalar, count: int) -> Float[Array, " count"]:
 
 
 def require_chain(observer: Module, model: object) -> None:
-    if not isinstance(model, AbstractChain):
-        fix = "Write it as a subclass of AbstractChain, or use Luenberger."
-        raise refuse(observer, "model", type(model).__name__, "a plant in chain form", fix)
+    fix = "Give a plant in chain form, write yours as a subclass, or use Luenberger."
+    require_instance(observer, "model", model, AbstractChain, fix)
 
 
 def check_gains(observer: Module, alphas: Float[Array, " N"], gamma: Scalar, count: int, what: str) -> None:

@@ -4,9 +4,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxobs._module import param, refuse, require_finite, require_shape
+from jaxobs._module import param, refuse, require_finite, require_instance, require_shape
 from jaxobs.observers.base import AbstractFlowObserver, AbstractStepObserver
 from jaxobs.plants import AbstractFlowPlant, AbstractStepPlant
+
+FLOW = "For a step plant take StepLuenberger or CurrentLuenberger."
+STEP = "For a flow plant take Luenberger, or wrap the plant: jaxobs.plants.Discretised(plant, integrator, dt)."
 
 
 class Luenberger(AbstractFlowObserver):
@@ -19,7 +22,7 @@ class Luenberger(AbstractFlowObserver):
     gain: Float[Array, "n p"] = param()
 
     def __check_init__(self):
-        _check_gain(self)
+        _check(self, AbstractFlowPlant, FLOW)
 
     @property
     def n(self):
@@ -64,7 +67,7 @@ class StepLuenberger(AbstractStepObserver):
     gain: Float[Array, "n p"] = param()
 
     def __check_init__(self):
-        _check_gain(self)
+        _check(self, AbstractStepPlant, STEP)
 
     @property
     def n(self):
@@ -102,7 +105,7 @@ class CurrentLuenberger(AbstractStepObserver):
     gain: Float[Array, "n p"] = param()
 
     def __check_init__(self):
-        _check_gain(self)
+        _check(self, AbstractStepPlant, STEP)
 
     @property
     def n(self):
@@ -129,7 +132,8 @@ class CurrentLuenberger(AbstractStepObserver):
         return self.model.h(z, u)
 
 
-def _check_gain(observer) -> None:
+def _check(observer, kind: type, fix: str) -> None:
+    require_instance(observer, "model", observer.model, kind, fix)
     shape = (observer.model.n, observer.model.p)
     require_shape(observer, "gain", observer.gain, shape, "One row a state, one column an output: [[l1], [l2], ...] for p = 1.")
     require_finite(observer, "gain", observer.gain)

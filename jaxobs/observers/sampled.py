@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 
-from jaxobs._module import Scalar, param, require_positive, require_shape
+from jaxobs._module import Scalar, param, require_instance, require_positive, require_shape
 from jaxobs.integrators import AbstractIntegrator, Field
 from jaxobs.observers.base import AbstractFlowObserver, AbstractStepObserver
 
@@ -18,6 +18,10 @@ class Sampled(AbstractStepObserver):
     dt: Scalar = param()
 
     def __check_init__(self):
+        require_instance(self, "observer", self.observer, AbstractFlowObserver, "A step observer needs no integrator.")
+        require_instance(
+            self, "integrator", self.integrator, AbstractIntegrator, "Build it first, e.g. jaxobs.integrators.RK4()."
+        )
         require_shape(self, "dt", self.dt, (), "One sampling period.")
         require_positive(self, "dt", self.dt, "It is the sampling period in seconds.")
 

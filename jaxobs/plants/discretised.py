@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 
-from jaxobs._module import Scalar, param, require_positive
+from jaxobs._module import Scalar, param, require_instance, require_positive
 from jaxobs.integrators import AbstractIntegrator, Field
 from jaxobs.plants.base import AbstractFlowPlant, AbstractStepPlant
 
@@ -15,6 +15,10 @@ class Discretised(AbstractStepPlant):
     dt: Scalar = param()
 
     def __check_init__(self):
+        require_instance(self, "plant", self.plant, AbstractFlowPlant, "A step plant needs no integrator: take it as it is.")
+        require_instance(
+            self, "integrator", self.integrator, AbstractIntegrator, "Build it first, e.g. jaxobs.integrators.RK4()."
+        )
         require_positive(self, "dt", self.dt, "It is the sampling period.")
 
     @property

@@ -1,9 +1,10 @@
 """A plant whose measurement carries damped tones (mains hum, a vibration): an internal model of the noise."""
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from jaxobs._module import Scalar, param, require_positive, require_shape
+from jaxobs._module import Scalar, concrete, param, refuse, require_instance, require_positive, require_shape
 from jaxobs.plants.base import AbstractStepPlant
 
 
@@ -12,8 +13,8 @@ class WithTones(AbstractStepPlant):
 
         d_i+ = e^{-decay_i dt} [[cos w_i, -sin w_i], [sin w_i, cos w_i]] d_i,     w_i = 2 pi frequency_i dt.
 
-    plant: any step plant. frequencies (r,) in Hz, decays (r,) in 1/s, dt in s. An observer with this model estimates the tones
-    and keeps them out of x.
+    plant: any step plant, of the same dt if it has one. frequencies (r,) in Hz, decays (r,) in 1/s, dt in s. An observer with
+    this model estimates the tones and keeps them out of x.
     """
 
     plant: AbstractStepPlant
@@ -22,8 +23,14 @@ class WithTones(AbstractStepPlant):
     dt: Scalar = param()
 
     def __check_init__(self):
+        require_instance(self, "plant", self.plant, AbstractStepPlant, "Wrap a flow plant: Discretised(plant, integrator, dt).")
         require_shape(self, "decays", self.decays, self.frequencies.shape, "One decay for each frequency.")
         require_positive(self, "dt", self.dt, "It is the sampling period in seconds.")
+        own, dt = concrete(getattr(self.plant, "dt", self.dt)), concrete(self.dt)
+        if own is not None and dt is not None and not np.allclose(own, dt, rtol=1e-6, atol=0):
+            raise refuse(
+                self, "dt", dt, f"{type(self.plant).__name__}.dt = {own}", "Plant and tones share one sampling period."
+            )
 
     @property
     def n(self):

@@ -1,5 +1,6 @@
 """A grid of observers: one observer, some of whose leaves run over values."""
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -9,7 +10,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxobs._module import Module, Numbers, as_param, check, concrete, dtype_of, refuse, static
+from jaxobs._module import (
+    Module,
+    Numbers,
+    as_param,
+    check,
+    concrete,
+    dtype_of,
+    key_axes,
+    refuse,
+    require_instance,
+    require_integer,
+    static,
+)
 
 
 class Family(Module):
@@ -42,21 +55,19 @@ def grid(observer: Module, **axes: Numbers) -> Family:
     Leaves of parts are named with dots: `grid(observer, **{"model.a": values})`. Every value is checked as at construction
     (gamma = -1 is refused here, before anything is traced). ValueError for a name that is no leaf.
     """
+    require_instance("grid", "observer", observer, Module, "Give one observer; a design returns it with its certificate.")
     values = []
     for name, given in axes.items():
         if name not in (known := leaf_names(observer)):
-            raise refuse(
-                "grid",
-                name,
-                f"no such number in {type(observer).__name__}",
-                "one of " + ", ".join(known),
-                "Check its name.",
-            )
+            raise _unknown(observer, name, known)
         leaf = _leaf(name)(observer)
         array = jnp.asarray(as_param(given), dtype_of(observer))
         if array.ndim != leaf.ndim + 1 or array.shape[1:] != leaf.shape or array.shape[0] == 0:
             fix = "The first axis counts the members of the family."
-            raise refuse("grid", name, f"shape {array.shape}", f"(members, *{leaf.shape})", fix)
+            if array.ndim == 0:
+                fix = f"Give a list: {name}=[{given}]."
+            expected = str(("members", *leaf.shape)).replace("'", "")
+            raise refuse("grid", name, f"shape {array.shape}", expected, fix)
         if concrete(array) is not None:
             for value in array:
                 check(eqx.tree_at(_leaf(name), observer, value))
@@ -70,6 +81,8 @@ def over(family: Family | Module, loss: Callable[[Any, Any], Any], *, lanes: int
     Without keys, `over(family, loss)()` calls loss(observer, None) once for each member. `lanes` are advanced together (a tile
     that stays in the cache), tile after tile, so memory does not grow with the grid. The loss may return any pytree.
     """
+    require_integer("over", "lanes", lanes, 1, "It counts the runs that are advanced together.")
+    require_instance("over", "family", family, Module, "Give an observer or jaxobs.grid(observer, ...).")
     family = family if isinstance(family, Family) else Family(family, (), ())
 
     @eqx.filter_jit
@@ -87,13 +100,29 @@ def over(family: Family | Module, loss: Callable[[Any, Any], Any], *, lanes: int
         results = jax.lax.map(lane, index, batch_size=min(lanes, index[0].shape[0]))
         return jax.tree.map(lambda a: a.reshape(shape + a.shape[1:]), results)
 
-    return lambda keys=None: every(family, keys)
+    def results(keys=None):
+        if keys is not None and not key_axes(keys):
+            given = f"{type(keys).__name__} of shape {np.shape(keys)}"
+            fix = "Split one key: jax.random.split(jax.random.key(0), runs)."
+            raise refuse("over", "keys", given, "PRNG keys along a leading axis", fix)
+        return every(family, keys)
+
+    return results
 
 
 def leaf_names(tree: Module) -> list[str]:
     """The dotted names of all float leaves."""
     paths = jax.tree_util.tree_flatten_with_path(tree)[0]
     return [_dotted(path) for path, leaf in paths if eqx.is_inexact_array(leaf)]
+
+
+def _unknown(observer: Module, name: str, known: list[str]) -> ValueError:
+    found = functools.reduce(lambda part, step: getattr(part, step, None), name.split("."), observer)
+    if isinstance(found, (int, float, str)):
+        fix = "Build one observer for each value, and compare them in a loop."
+        return refuse("grid", name, f"{found!r}, which fixes shapes or structure", "one of " + ", ".join(known), fix)
+    given = f"no such number in {type(observer).__name__}"
+    return refuse("grid", name, given, "one of " + ", ".join(known), "Check its name.")
 
 
 def _dotted(path: tuple[Any, ...]) -> str:
