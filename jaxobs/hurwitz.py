@@ -20,7 +20,7 @@ from jaxtyping import Array, Complex, Float
 
 from jaxobs._module import Numbers, as_param, concrete, refuse
 
-NEWTON_STEPS = 60  # 41 is the most ever seen (n = 10, q over 1e-3 .. 1e3)
+NEWTON_STEPS = 60  # more than n = 10 needs for q anywhere in 1e-3 .. 1e3
 
 
 def binomial(n: int) -> Float[Array, " n"]:
