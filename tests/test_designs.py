@@ -140,3 +140,10 @@ def test_only_chains(as_users_have_it, plant):
 def test_what_the_observer_refuses_the_design_refuses(as_users_have_it, wishes, words):
     with pytest.raises(ValueError, match=words):
         jaxobs.designs.riccati(Pendulum(), lipschitz=1.5, **wishes)
+
+
+def test_beyond_the_limits_of_floats_nothing_is_certified():
+    """lambda_max(P) ~ gamma^3 overflows: condition (5) is true, and says so, but there is no witness to store."""
+    with pytest.raises(Infeasible, match=r"holds in float64, but no float witnesses") as caught:
+        jaxobs.designs.riccati(Pendulum(), lipschitz=1.5, alphas=[3.0, 2.0], gamma=1e120)
+    assert caught.value.margin > 0

@@ -4,8 +4,8 @@
 class Infeasible(ValueError):
     """No certificate of this kind exists for what was asked. It does not say that the observer is unstable.
 
-    reason: a sentence; margin: how far from certified (negative); change: what to try; smallest_gamma [1/s]: the infimum of the
-    gains that would be certified, None where no gain is.
+    reason: a sentence; margin: how far from certified, negative unless floats are at their limits; change: what to try;
+    smallest_gamma [1/s]: the infimum of the gains that would be certified, None where no gain is.
     """
 
     def __init__(self, reason: str, margin: float, change: str, smallest_gamma: float | None = None):

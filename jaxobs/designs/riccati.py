@@ -1,6 +1,7 @@
 """The high-gain observer from the chain Riccati equation, certified by condition (5) or (44)."""
 
 import math
+import sys
 from fractions import Fraction
 
 import jax.numpy as jnp
@@ -52,11 +53,13 @@ def riccati(
     smallest = _smallest_gamma(draft, lipschitz)
     observer = draft if gamma is not None else _observer(plant, chosen, DEFAULT_EXCESS * smallest, q)
     margin = _parts(observer, float(observer.gamma))[2] - lipschitz
-    if margin > 0:
-        certificate = _certify(observer, lipschitz, q)
-        if certificate is not None:
-            return observer, certificate
+    certificate = _certify(observer, lipschitz, q) if margin > 0 else None
+    if certificate is not None:
+        return observer, certificate
     name = "(5)" if q == 0 else "(44)"
+    if margin > 0:
+        reason = f"condition {name} holds in float64, but no float witnesses pass the exact check"
+        raise Infeasible(reason, margin, "Move gamma away from the edge and from the limits of floats.", smallest)
     reason = f"condition {name} fails at gamma = {float(observer.gamma):.6g} for the Lipschitz constant {lipschitz:.6g}"
     change = f"It holds for gamma > {smallest * (1 + 1e-6):.8g}; or give a smaller Lipschitz constant if one can be proved."
     raise Infeasible(reason, margin, change, smallest)
@@ -102,6 +105,8 @@ def _certify(observer: HighGain | IntegralHighGain, lipschitz: float, q: int) ->
     slowest, largest, rho = _parts(observer, gamma)
     slack = min((rho / lipschitz) ** 2 - 1, 1.0) / 6
     size = len(np.asarray(observer.alphas))
+    if math.log(largest) + (2 * size - 1) * math.log(gamma) > math.log(sys.float_info.max) - 1:
+        return None  # nu is no float
     for relative in (1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2):
         inside = min(relative, slack)
         certificate = Condition5(
