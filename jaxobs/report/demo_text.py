@@ -14,28 +14,13 @@ Table = tuple[list[str], list[list[str]]]
 
 def walk_table(study: WalkStudy) -> Table:
     """Every row, in the order of the choosing block; the chosen observer carries a star."""
-    header = [
-        "method",
-        "tuned by",
-        "parameters",
-        "free",
-        "train",
-        "choose",
-        "last",
-        "95 %",
-        "2nd half",
-        "delay ms",
-        "noise gain",
-    ]
+    blocks = ["train", "choose", "last", "95 %", "2nd half"]
+    header = ["method", "tuned by", "parameters", "free", *blocks, "delay ms", "noise gain"]
     body = []
     for row in sorted(study.rows, key=lambda row: row.rmse_choose):
-        numbers = [
-            f"{row.rmse_train:.3f}",
-            f"{row.rmse_choose:.3f}",
-            f"{row.rmse:.3f}",
-            f"{row.rmse_low:.3f}–{row.rmse_high:.3f}",
-        ]
-        tail = [f"{row.rmse_second_half:.3f}", f"{row.delay_ms:.1f}", f"{row.noise_gain:.0f}"]
+        numbers = [f"{rmse:.3f}" for rmse in (row.rmse_train, row.rmse_choose, row.rmse)]
+        numbers += [f"{row.rmse_low:.3f}–{row.rmse_high:.3f}", f"{row.rmse_second_half:.3f}"]
+        tail = [f"{row.delay_ms:.1f}", f"{row.noise_gain:.0f}"]
         mark = " *" if row is study.chosen else ""
         body.append([row.name + mark, row.tuned, row.parameters, str(row.free), *numbers, *tail])
     return header, body
@@ -98,8 +83,7 @@ def walk_findings(study: WalkStudy) -> list[str]:
         f"What a model is worth here: the swinging leg {change(leg, 'Luenberger, chain n = 3, free gains')} against a chain "
         f"with as many states; a learned one, with {by_gyro[taught].free - by_gyro[plain].free} numbers more, see above. The "
         f"swinging leg as a continuous high-gain observer over held samples, whose estimate has not seen y_k, has "
-        f"{held.rmse:.3f} (delay "
-        f"{held.delay_ms:.1f} ms against {by_gyro[leg].delay_ms:.1f}).",
+        f"{held.rmse:.3f} (delay {held.delay_ms:.1f} ms against {by_gyro[leg].delay_ms:.1f}).",
         f"{chosen.name} with its numbers tuned without the gyroscope, by the likelihood of its innovations, has "
         f"{blind[chosen.name].rmse:.3f}; its structure was chosen with the gyroscope all the same."
         if chosen.name in blind
@@ -111,6 +95,7 @@ def walk_findings(study: WalkStudy) -> list[str]:
 
 
 def pendulum_findings(study: Pendulum000) -> list[str]:
+    """The verdict, the recomputed numbers of (71), and what the table compares."""
     numbers = ", ".join(f"{name} = {value:.4f}" for name, value in study.numbers.items())
     gammas, seeds = study.sweeps[0].rmse.shape
     return [
