@@ -13,12 +13,15 @@ from jaxobs._version import __version__ as __version__
 if TYPE_CHECKING:
     # fmt: off
     from jaxobs import certificates as certificates
+    from jaxobs import chain_bounds as chain_bounds
     from jaxobs import datasets as datasets
     from jaxobs import designs as designs
+    from jaxobs import excitation as excitation
     from jaxobs import hurwitz as hurwitz
     from jaxobs import integrators as integrators
     from jaxobs import linalg as linalg
     from jaxobs import metrics as metrics
+    from jaxobs import monitors as monitors
     from jaxobs import noise as noise
     from jaxobs import observers as observers
     from jaxobs import plants as plants
@@ -42,8 +45,8 @@ if TYPE_CHECKING:
     # fmt: on
 
 _MODULES = (
-    "certificates", "datasets", "designs", "hurwitz", "integrators", "linalg",
-    "metrics", "noise", "observers", "plants", "signals", "studies", "tuning",
+    "certificates", "chain_bounds", "datasets", "designs", "excitation", "hurwitz", "integrators", "linalg",
+    "metrics", "monitors", "noise", "observers", "plants", "signals", "studies", "tuning",
 )  # fmt: skip
 _NAMES = {
     "Derivatives": "_differentiate",

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from jaxobs._loop import JITTER, Grid, Sample, as_state, check_period, divergence_time, require_parts, run, time_grid
 from jaxobs._module import Module, Numbers, Scalar, check, dtype_of, float_leaves, key_axes, refuse, require_instance
-from jaxobs.integrators import RK4, AbstractIntegrator, Field
+from jaxobs.integrators import RK4, AbstractIntegrator, Field, check_step
 from jaxobs.metrics import AbstractMetric
 from jaxobs.noise import AbstractNoise, Silent
 from jaxobs.observers import AbstractFlowObserver, AbstractStepObserver, Observer
@@ -126,6 +126,8 @@ def _checked(world: _World, observer: Observer, x0, xhat0, ts, key) -> tuple[_Wo
     grid = time_grid("simulate", ts, dtype, uneven)
     check_period("simulate", observer, grid.spacing)
     check_period("simulate", plant, grid.spacing)
+    if isinstance(observer, AbstractFlowObserver):
+        check_step("simulate", observer, world.integrator, jnp.max(grid.dts))
     start = as_state("simulate", "x0", x0, plant.n, dtype)
     return world, observer, start, as_state("simulate", "xhat0", xhat0, observer.n, dtype), grid
 

@@ -155,6 +155,16 @@ def balance(a: Float[Array, "n n"]) -> Float[Array, " n"]:
     return jnp.ldexp(jnp.ones_like(log_d), log_d.astype(jnp.int32))  # exp2 itself rounds
 
 
+def triangularise(rows: Float[Array, "k n"]) -> Float[Array, "n n"]:
+    """R upper triangular with a non-negative diagonal and R'R = rows'rows, for k >= n rows: the QR array step.
+
+    Sums of squares are propagated as the rows of their roots, so nothing positive definite can be lost to rounding. Columns
+    may differ by any factor (QR commutes with it). Differentiable where the columns are independent.
+    """
+    r = jnp.linalg.qr(rows, mode="r")
+    return jnp.where(jnp.diagonal(r) < 0, -1, 1).astype(r.dtype)[:, None] * r
+
+
 def phi_functions(a: Float[Array, "n n"], count: int) -> list[Float[Array, "n n"]]:
     """[phi_0, ..., phi_count] of a, phi_0 = exp and phi_{k+1}(a) = (phi_k(a) - 1/k!) / a, by one exponential.
 
@@ -172,3 +182,23 @@ def phi_functions(a: Float[Array, "n n"], count: int) -> list[Float[Array, "n n"
 def pascal(n: int) -> Float[np.ndarray, "n n"]:
     """The lower triangular L_ij = (-1)^{i+j} C(i-1, j-1), with L L' = ((-1)^{i+j} C(i+j-2, i-1)) and L^-1 = |L|."""
     return np.asarray([[(-1) ** (i + j) * math.comb(i, j) for j in range(n)] for i in range(n)], dtype=float)
+
+
+def tracker_structure(n: int, q: int) -> tuple[Float[np.ndarray, "N N"], Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
+    """(A~, s, B) of the tracker's state eta = (xi, xhat), N = n + q (paper 001, (3)-(4)): A~ = s A_N s, A_N the plain shift,
+    s = (+1 on xi, -1 on xhat; all +1 if q = 0), and y enters through B, the q-th unit vector (zero if q = 0).
+    """
+    s = np.asarray([1.0] * q + [-1.0 if q else 1.0] * n)
+    return s[:, None] * np.eye(n + q, k=1) * s[None, :], s, np.eye(n + q)[q - 1] * (q > 0)
+
+
+def tracker_steady(n: int, q: int, mu: float = 1.0) -> Float[np.ndarray, "N N"]:
+    """H_inf with -mu H - A~'H - H A~ + C~'C~ = 0 (paper 001, (8), (11)), in closed form:
+
+        (H_inf)_ij = (-1)^{i+j} s_i s_j C(i+j-2, i-1) / mu^{i+j-1}.
+
+    Its first column's inverse is the steady gain, H_inf^-1 C~' = (s_i C(N, i) mu^i).
+    """
+    factor, (_, s, _) = pascal(n + q), tracker_structure(n, q)
+    order = np.arange(n + q)
+    return np.outer(s, s) * (factor @ factor.T) / float(mu) ** (order[:, None] + order[None, :] + 1)

@@ -21,17 +21,26 @@ DT = 0.1
 CASES: dict[str, Callable[[Callable[[Any], jax.Array]], Module]] = {  # f makes an array of the precision asked for
     "Discretised": lambda f: plants.Discretised(plants.Pendulum(f(1.2), f(0.3)), integrators.Euler(), f(DT)),
     "Duffing": lambda f: plants.Duffing(f(1.1), f(0.7)),
+    "FieldMotor": lambda f: plants.FieldMotor(f(1.0), f(0.4), f(1.1), f(0.5), f(0.2), f(0.6), f(0.1)),
+    "FlexibleJoint": lambda f: plants.FlexibleJoint(
+        f(0.7), f(1.3), f(0.5), f(0.8), f(0.4), f(0.6), f(1.1), f(0.9), f(9.8)),
+    "ForcedDuffing": lambda f: plants.ForcedDuffing(f(0.3)),
     "GatedChain": lambda f: plants.GatedChain(),
+    "Hovercraft": lambda f: plants.Hovercraft(f(0.7)),
     "IntegratorChain": lambda f: plants.IntegratorChain(3),
     "LearnedField": lambda f: plants.LearnedField(
         f([[0.5, -0.2], [0.1, 0.9]]), f([0.1, -0.3]), f([2.0, -1.0]), f([0.2, 0.0]), f([1.0, 2.0]), f(DT)),
     "Lienard": lambda f: plants.Lienard(f(1.3)),
     "Lorenz": lambda f: plants.Lorenz(f(10), f(28), f(2.5)),
     "Pendulum": lambda f: plants.Pendulum(f(1.2), f(0.3)),
+    "Rossler": lambda f: plants.Rossler(f(0.3), f(0.2), f(5.0), f([[0.0, 1.0, 0.0], [0.5, 0.0, 1.0]])),
     "SampledChain": lambda f: plants.SampledChain(3, f(DT)),
+    "Saturated": lambda f: plants.Saturated(
+        plants.Lorenz(f(10), f(28), f(2.5)), f([-0.5, -0.4, 0.0]), f([0.6, 0.5, 0.8])),
     "SineChain": lambda f: plants.SineChain(f(0.9), 3),
     "SwingingLeg": lambda f: plants.SwingingLeg(f(9.0), f(0.4), f(0.6), f(-0.2)),
     "VanDerPol": lambda f: plants.VanDerPol(f(1.3)),
+    "VanDerPolSeen": lambda f: plants.VanDerPolSeen(f(1.3), f([[0.0, 1.0]])),
     "WithTones": lambda f: plants.WithTones(plants.SampledChain(2, f(DT)), f([2.0, 0.7]), f([0.1, 0.0]), f(DT)),
 
     "Held": lambda f: signals.Held(f([0.0, 0.45, 1.05]), f([[1.0, 2.0], [3.0, -1.0], [0.5, 0.0]])),
@@ -54,18 +63,49 @@ CASES: dict[str, Callable[[Callable[[Any], jax.Array]], Module]] = {  # f makes 
     "Exponential": lambda f: integrators.Exponential(substeps=2),
     "RK4": lambda f: integrators.RK4(substeps=2),
 
+    "Algebraic": lambda f: observers.Algebraic(
+        observers.DuffingRoot(plants.Duffing(f(1.1), f(0.7))), observers.Tracker(3, 1, f(4.0), f(0.2))),
+    "ContinuousDiscreteKalman": lambda f: observers.ContinuousDiscreteKalman(
+        plants.VanDerPol(f(1.3)), f([[0.4]]), f([[0.2]]), f([[1.0, 0.3], [0.3, 2.0]]), f(DT), integrators.RK4(), 2),
+    "ContinuousDiscreteKalman exponential": lambda f: observers.ContinuousDiscreteKalman(
+        plants.Pendulum(f(1.2), f(0.3)), f([[0.4]]), f([[0.2]]), f([[1.0, 0.3], [0.3, 2.0]]), f(DT), integrators.Exponential()),
+    "ContinuousKalman": lambda f: observers.ContinuousKalman(
+        plants.Pendulum(f(1.2), f(0.3)), f([[0.4]]), f([[0.2]]), f([[1.0, 0.3], [0.3, 2.0]])),
     "CurrentLuenberger": lambda f: observers.CurrentLuenberger(plants.SampledChain(2, f(DT)), f([[0.4], [0.9]])),
+    "DiscreteAlgebraic": lambda f: observers.DiscreteAlgebraic(
+        observers.DuffingRational(plants.Duffing(f(1.1), f(0.7))), observers.DiscreteTracker(3, 0, f(4.0), f(DT), f(0.2))),
+    "DiscreteKalman": lambda f: observers.DiscreteKalman(
+        plants.Discretised(plants.Pendulum(f(1.2), f(0.3)), integrators.Euler(), f(DT)),
+        f([[0.4]]), f([[0.2]]), f([[1.0, 0.3], [0.3, 2.0]])),
     "DiscreteTracker": lambda f: observers.DiscreteTracker(2, 1, f(4.0), f(DT), f(0.2)),
     "DiscreteTracker steady": lambda f: observers.DiscreteTracker(3, 0, f(4.0), f(DT)),
+    "DiscreteTracker matrix": lambda f: observers.DiscreteTracker(1, 1, f(4.0), f(DT), f([[1.0, 0.3], [0.3, 0.5]])),
+    "DuffingRational": lambda f: observers.DuffingRational(plants.Duffing(f(1.1), f(0.7))),
+    "DuffingRoot": lambda f: observers.DuffingRoot(plants.Duffing(f(1.1), f(0.7))),
     "HighGain": lambda f: observers.HighGain(plants.Pendulum(f(1.2), f(0.3)), f([1.5, 1.0]), f(3.0)),
+    "InnerInjection": lambda f: observers.InnerInjection(
+        plants.Lorenz(f(10), f(28), f(2.5)), f([[0.5], [2.0], [0.1]]), f([[0.0], [1.0], [0.2]])),
     "IntegralHighGain": lambda f: observers.IntegralHighGain(plants.VanDerPol(f(1.3)), f([4.0, 6.0, 4.0, 1.0]), f(2.0), 2),
     "IntegralHighGain q=0": lambda f: observers.IntegralHighGain(plants.VanDerPol(f(1.3)), f([1.5, 1.0]), f(2.0), 0),
     "Luenberger": lambda f: observers.Luenberger(plants.Lorenz(f(10), f(28), f(2.5)), f([[0.5], [2.0], [0.1]])),
+    "OutputInjection": lambda f: observers.OutputInjection(plants.VanDerPol(f(1.3)), f([[1.5], [1.0]])),
+    "RationalMap": lambda f: observers.RationalMap(
+        plants.GatedChain(), 1, 0, (((1, 0, 0),), ((0, 0, 0),), ((0, 1, 0),), ((0, 0, 1),)), f([1.0, 1.0, 1.0, 1.0])),
+    "Lyapunov": lambda f: observers.Lyapunov(
+        plants.FieldMotor(f(1.0), f(0.4), f(1.1), f(0.5), f(0.2), f(0.6), f(0.1)), f(3.0), f(0.5)),
+    "Lyapunov blocks": lambda f: observers.Lyapunov(plants.Hovercraft(f(0.7)), f(3.0), f(1.0)),
     "Sampled": lambda f: observers.Sampled(
         observers.HighGain(plants.Pendulum(f(1.2), f(0.3)), f([1.5, 1.0]), f(3.0)), integrators.Exponential(), f(DT)),
+    "StepIntegral": lambda f: observers.StepIntegral(plants.VanDerPol(f(1.3)), f([0.4, 0.3, 0.2, 0.1]), f(DT), 2),
+    "StepIntegral q=0": lambda f: observers.StepIntegral(plants.VanDerPol(f(1.3)), f([0.4, 0.3]), f(DT), 0),
+    "StepLyapunov": lambda f: observers.StepLyapunov(
+        plants.FieldMotor(f(1.0), f(0.4), f(1.1), f(0.5), f(0.2), f(0.6), f(0.1)), f(3.0), f(DT), f(0.5)),
+    "StepLyapunov state-affine": lambda f: observers.StepLyapunov(plants.GatedChain(), f(3.0), f(DT), f([[0.5, 0.1], [0.1, 1.0]])),
+    "StepLyapunov blocks": lambda f: observers.StepLyapunov(plants.Hovercraft(f(0.7)), f(3.0), f(DT), f(1.0)),
     "StepLuenberger": lambda f: observers.StepLuenberger(
         plants.Discretised(plants.Pendulum(f(1.2), f(0.3)), integrators.Euler(), f(DT)), f([[0.4], [0.3]])),
     "Tracker": lambda f: observers.Tracker(2, 1, f(4.0), f(0.2)),
+    "Tracker diagonal": lambda f: observers.Tracker(2, 0, f(4.0), f([0.2, 0.7])),
     "Tracker q=0": lambda f: observers.Tracker(3, 0, f(4.0), f(0.2)),
 
     "Consistency": lambda f: metrics.Consistency(f(0.5), f(0.15)),
@@ -95,6 +135,8 @@ def inputs(thing: Any, dtype: Any = np.float64) -> dict[str, jax.Array]:
             given = {"ts": np.arange(6) * DT}
         case integrators.AbstractIntegrator():
             given = t | {"vector": rng.normal(size=2), "scalar": rng.normal(size=())}
+        case observers.AbstractAlgebraicMap():
+            given = {"y": rng.normal(size=thing.order + 1), "u": rng.normal(size=(thing.model.m, thing.input_order + 1))}
         case observers.AbstractObserver():
             y, u = rng.normal(size=(3, thing.p)), rng.normal(size=(3, thing.m))
             given = t | {"xhat0": rng.normal(size=thing.n), "y": y, "u": u}
@@ -151,6 +193,13 @@ def _(integrator: integrators.AbstractIntegrator, given):
     field = integrators.Field(flow, lambda t, state: ((a, None), rest(t, *state)))
     state, dt = (given["vector"], given["scalar"]), jnp.full_like(given["t"], DT)
     return {"z": integrator.step(field, integrator.prepare(field, dt, state), given["t"], dt, state)}
+
+
+@work.register
+def _(phi: observers.AbstractAlgebraicMap, given):
+    y, u = given["y"], given["u"]
+    slope = observers.sensitivity(phi, y, u)
+    return {"state": phi.state(y, u), "denominators": phi.denominators(y, u), "sensitivity": slope}
 
 
 @work.register

@@ -33,6 +33,7 @@ def judged(c):
     return certificate.holds(c.alphas, c.gamma, c.lipschitz, c.mu, c.nu)
 
 
+@pytest.mark.filterwarnings("ignore::jaxobs.designs.LargeGain")
 @pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
 @pytest.mark.parametrize("n", range(1, 9))
 @pytest.mark.parametrize("q", [0, 1, 2])

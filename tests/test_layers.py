@@ -12,12 +12,12 @@ PACKAGE = Path(__file__).parent.parent / "jaxobs"
 # Register a new top-level module or folder here, as (layer, place within the layer): imports point to lower or equal
 # pairs. Other top-level modules named with a leading underscore are helpers of layer 0.
 RANK = {
-    **dict.fromkeys(["errors", "linalg", "hurwitz", "intervals"], (0, 0)),
+    **dict.fromkeys(["chain_bounds", "errors", "linalg", "hurwitz", "intervals"], (0, 0)),
     **dict.fromkeys(["signals", "noise", "integrators"], (1, 0)),
     "plants": (1, 1),
     "observers": (2, 0),
     **dict.fromkeys(["_loop", "_observe", "_simulate", "_differentiate", "metrics"], (3, 0)),
-    **dict.fromkeys(["certificates", "excitation", "datasets"], (3, 0)),
+    **dict.fromkeys(["certificates", "excitation", "datasets", "monitors"], (3, 0)),
     "designs": (4, 0),
     "studies": (4, 1),
     "tuning": (4, 2),

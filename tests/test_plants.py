@@ -18,6 +18,21 @@ def lorenz(x):
     return np.asarray([10 * (x[1] - x[0]), 28 * x[0] - x[1] - x[0] * x[2], x[0] * x[1] - 2.5 * x[2]])
 
 
+def joint(x, u):
+    d = x[2] - x[0]
+    torque = 1.1 * d + 0.9 * d**3
+    return [x[1], (torque - 0.4 * x[1] + 0.6 * u[0]) / 0.7, x[3], -(torque + 0.8 * 9.8 * 0.5 * SIN(x[2])) / 1.3]
+
+
+def rossler(x, u):
+    return [-x[1] - x[2], x[0] + 0.3 * x[1], 0.2 + x[2] * (x[0] - 5)]
+
+
+def saturated(x, u):
+    s = np.minimum(np.maximum(x, [-0.5, -0.4, 0.0]), [0.6, 0.5, 0.8])
+    return lorenz(x) + [0, x[0] * x[2] - s[0] * s[2], s[0] * s[1] - x[0] * x[1]]
+
+
 def leg(x):
     torque = x[2] + 9 * SIN(x[0] + 0.2) + 0.4 * x[1]
     return np.asarray([x[1], x[2], -9 * COS(x[0] + 0.2) * x[1] - 0.4 * x[2] - 0.6 * torque])
@@ -49,22 +64,31 @@ def first(x):
 EQUATIONS = {
     "Discretised": (lambda x, u: x + 0.1 * pendulum(x, u), first),
     "Duffing": (lambda x, u: [x[1], -1.1 * x[0] - 0.7 * x[0] ** 3], lambda x: x[:1] + x[1:]),
+    "FlexibleJoint": (joint, lambda x: x[1::-1]),
+    "ForcedDuffing": (lambda x, u: [x[1], u[0] - 0.3 * x[1] - x[0] ** 3], lambda x: 0.2 * x[:1] + x[1:]),
     "GatedChain": (lambda x, u: [u[0] * x[1], 0], first),
     "IntegratorChain": (lambda x, u: [x[1], x[2], 0], first),
     "LearnedField": (lambda x, u: learned(x), first),
     "Lienard": (lambda x, u: [x[1] + 1.3 * (x[0] - x[0] ** 3 / 3), -x[0]], first),
     "Lorenz": (lambda x, u: lorenz(x), lambda x: x[1:2]),
     "Pendulum": (pendulum, first),
+    "Rossler": (rossler, lambda x: np.asarray([x[1], 0.5 * x[0] + x[2]])),
     "SampledChain": (lambda x, u: scipy.linalg.expm(0.1 * np.eye(3, k=1)) @ x, first),
+    "Saturated": (saturated, lambda x: x[1:2]),
     "SineChain": (lambda x, u: [x[1], x[2], 0.3 * np.sum(SIN(x))], first),
     "SwingingLeg": (lambda x, u: leg(x), first),
     "VanDerPol": (lambda x, u: [x[1], 1.3 * (1 - x[0] ** 2) * x[1] - x[0]], first),
+    "VanDerPolSeen": (lambda x, u: [x[1], 1.3 * (1 - x[0] ** 2) * x[1] - x[0]], lambda x: x[1:]),
     "WithTones": (lambda x, u: tones(x), lambda x: x[:1] + x[2] + x[4]),
 }
 # How a disturbance enters: by default it moves the last state alone.
 MATRICES = {
     "Discretised": [[0], [0.1]],
+    "FlexibleJoint": [[0, 0], [0.9 / 0.7, 0], [0, 0], [-0.9 / 1.3, -0.8 * 9.8 * 0.5 / 1.3]],
+    "ForcedDuffing": [[0], [-1]],
     "Lorenz": [[0, 0], [-1, 0], [0, 1]],
+    "Saturated": [[0, 0], [-1, 0], [0, 1]],
+    "VanDerPolSeen": [[0], [-1.3]],
     "GatedChain": np.eye(2),
     "Lienard": np.eye(2),
     "WithTones": [[0], [1], [0], [0], [0], [0]],
@@ -86,7 +110,7 @@ def test_equations(label):
     np.testing.assert_allclose(now, [rhs(x, u) for x, u in zip(xs, us, strict=True)], rtol=1e-13, atol=1e-13)
     np.testing.assert_allclose(seen, [output(x) for x in xs], rtol=1e-15)
     last = np.eye(plant.n)[:, -1:]
-    assert (np.asarray(plant.disturbance_matrix()) == MATRICES.get(label, last)).all()
+    np.testing.assert_allclose(plant.disturbance_matrix(), MATRICES.get(label, last), rtol=1e-15)
 
 
 def test_every_plant_is_compared():

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 FORMAT = "jaxobs-cert/1"
+FloatMatrix = tuple[tuple[float, ...], ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,6 +79,12 @@ def decode(value: Any, kind: Any) -> Any:
         return value
     if kind == tuple[float, ...] and isinstance(value, list) and all(isinstance(item, str) for item in value):
         return tuple(float.fromhex(item) for item in value)
+    if kind == tuple[int, ...] and isinstance(value, list):
+        return tuple(decode(item, int) for item in value)
+    if kind == FloatMatrix and isinstance(value, list):
+        return tuple(decode(row, tuple[float, ...]) for row in value)
+    if kind is str and isinstance(value, str):
+        return value
     if kind == tuple[str, ...] and isinstance(value, list) and all(isinstance(item, str) for item in value):
         return tuple(value)
     raise ValueError(f"expected {kind}, given {value!r}")

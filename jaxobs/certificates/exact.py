@@ -78,3 +78,50 @@ def riccati_residual_is_zero(p: Matrix, q: Sequence[Fraction]) -> bool:
     return all(
         shifted(i, j) + shifted(j, i) - p[i][0] * p[j][0] + (q[i] if i == j else 0) == 0 for i in range(n) for j in range(n)
     )
+
+
+def matrix(rows: Sequence[Sequence[float]]) -> Matrix:
+    """The floats as they are."""
+    return [[Fraction(x) for x in row] for row in rows]
+
+
+def transpose(x: Matrix) -> Matrix:
+    return [list(column) for column in zip(*x, strict=True)]
+
+
+def product(x: Matrix, y: Matrix) -> Matrix:
+    columns = transpose(y)
+    return [[sum((a * b for a, b in zip(row, column, strict=True)), Fraction(0)) for column in columns] for row in x]
+
+
+def add(x: Matrix, y: Matrix) -> Matrix:
+    return combine(Fraction(1), x, Fraction(1), y)
+
+
+def subtract(x: Matrix, y: Matrix) -> Matrix:
+    return combine(Fraction(1), x, Fraction(-1), y)
+
+
+def scale(a: Fraction, x: Matrix) -> Matrix:
+    return [[a * entry for entry in row] for row in x]
+
+
+def identity(n: int) -> Matrix:
+    return diagonal([Fraction(1)] * n)
+
+
+def zeros(rows: int, columns: int) -> Matrix:
+    return [[Fraction(0)] * columns for _ in range(rows)]
+
+
+def block(rows: Sequence[Sequence[Matrix]]) -> Matrix:
+    """The matrix made of blocks, as numpy.block."""
+    return [[entry for part in parts for entry in part] for blocks in rows for parts in zip(*blocks, strict=True)]
+
+
+def to_float(x: Fraction) -> float:
+    """The nearest float, infinite beyond the largest one: for reading, never for deciding."""
+    try:
+        return float(x)
+    except OverflowError:
+        return math.inf if x > 0 else -math.inf

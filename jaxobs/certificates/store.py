@@ -9,8 +9,24 @@ from typing import Any
 
 from jaxobs.certificates.base import FORMAT, AbstractCertificate, decode, digest
 from jaxobs.certificates.condition5 import Condition5
+from jaxobs.certificates.corners import Corners, StepCorners
+from jaxobs.certificates.euler_model import EulerModel
+from jaxobs.certificates.frozen_instability import FrozenInstability
+from jaxobs.certificates.high_gain_lmi import HighGainLmi
+from jaxobs.certificates.linear_error import LinearError
+from jaxobs.certificates.no_common_quadratic import NoCommonQuadratic
+from jaxobs.certificates.no_high_gain_lmi import NoHighGainLmi
+from jaxobs.certificates.s_lemma import SLemma
+from jaxobs.certificates.standard_high_gain import StandardHighGain
+from jaxobs.certificates.switching_instability import SwitchingInstability
+from jaxobs.certificates.triangular_gain import TriangularGain
 
-THEOREMS: dict[str, type[AbstractCertificate]] = {Condition5.theorem: Condition5}
+THEOREMS: dict[str, type[AbstractCertificate]] = {
+    kind.theorem: kind for kind in (
+        Condition5, Corners, EulerModel, FrozenInstability, HighGainLmi, LinearError, NoCommonQuadratic, NoHighGainLmi, SLemma, StandardHighGain, StepCorners,
+        SwitchingInstability, TriangularGain,
+    )
+}
 
 
 def load(path: str | PathLike[str]) -> AbstractCertificate:

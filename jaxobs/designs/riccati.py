@@ -8,10 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 import scipy.optimize
+from jaxtyping import Array
 
 from jaxobs import hurwitz
 from jaxobs._module import Numbers, as_param, dtype_of, refuse, require_integer
 from jaxobs.certificates import Condition5, exact
+from jaxobs.designs._chain_gain import require_alphas, warn_large_gain
 from jaxobs.designs.infeasible import Infeasible
 from jaxobs.observers import HighGain, IntegralHighGain
 from jaxobs.plants import AbstractChain
@@ -50,11 +52,12 @@ def riccati(
             raise Infeasible(
                 reason, float(weight), "Take alphas from jaxobs.hurwitz.alphas_from_log_q: all of them satisfy (10)."
             )
-    smallest = _smallest_gamma(draft, lipschitz)
+    smallest = _smallest_gamma(_floats(draft.alphas), lipschitz)
     observer = draft if gamma is not None else _observer(plant, chosen, DEFAULT_EXCESS * smallest, q)
-    margin = _parts(observer, float(observer.gamma))[2] - lipschitz
+    margin = _parts(_floats(observer.alphas), float(observer.gamma))[2] - lipschitz
     certificate = _certify(observer, lipschitz, q) if margin > 0 else None
     if certificate is not None:
+        warn_large_gain("riccati", np.asarray(observer.gain()))
         return observer, certificate
     name = "(5)" if q == 0 else "(44)"
     if margin > 0:
@@ -65,15 +68,27 @@ def riccati(
     raise Infeasible(reason, margin, change, smallest)
 
 
+def riccati_gamma(*, alphas: Numbers, lipschitz: float) -> float:
+    """The infimum of the gamma for which condition (5), or (44) for n + q alphas, holds; infinite where (10) fails."""
+    a = require_alphas("riccati_gamma", alphas, np.size(alphas))
+    if min(exact.chain_weights([Fraction(x) for x in a])) <= 0:
+        return math.inf
+    return _smallest_gamma(a.tolist(), lipschitz)
+
+
+def _floats(alphas: Array) -> list[float]:
+    return [float(a) for a in np.asarray(alphas)]
+
+
 def _observer(plant: AbstractChain, alphas: Numbers, gamma: Numbers, q: int) -> HighGain | IntegralHighGain:
     dtype = dtype_of(plant)
     a, g = jnp.asarray(as_param(alphas), dtype), jnp.asarray(as_param(gamma), dtype)
     return HighGain(plant, a, g) if q == 0 else IntegralHighGain(plant, a, g, q)
 
 
-def _parts(observer: HighGain | IntegralHighGain, gamma: float) -> tuple[float, float, float]:
+def _parts(alphas: list[float], gamma: float) -> tuple[float, float, float]:
     """(lambda_min(P^-1/2 Q P^-1/2), lambda_max(P) / gamma^{2N-1}, the largest certified rho), float64, scaled by D."""
-    exact_alphas = [Fraction(float(a)) for a in np.asarray(observer.alphas)]
+    exact_alphas = [Fraction(a) for a in alphas]
     p = np.asarray(exact.chain_riccati(exact_alphas), float)
     weights = np.asarray(exact.chain_weights(exact_alphas), float)
     root = np.sqrt(weights)
@@ -84,11 +99,11 @@ def _parts(observer: HighGain | IntegralHighGain, gamma: float) -> tuple[float, 
     return slowest, largest, slowest / (2 * np.sqrt(corner * largest))
 
 
-def _smallest_gamma(observer: HighGain | IntegralHighGain, lipschitz: float) -> float:
+def _smallest_gamma(alphas: list[float], lipschitz: float) -> float:
     """The root in gamma of (largest certified rho) = lipschitz; the left side increases with gamma."""
 
     def excess(log_gamma: float) -> float:
-        return np.log(_parts(observer, float(np.exp(log_gamma)))[2] / lipschitz)
+        return np.log(_parts(alphas, float(np.exp(log_gamma)))[2] / lipschitz)
 
     low, high = 0.0, 0.0
     while excess(low) > 0:
@@ -102,7 +117,7 @@ def _smallest_gamma(observer: HighGain | IntegralHighGain, lipschitz: float) -> 
 def _certify(observer: HighGain | IntegralHighGain, lipschitz: float, q: int) -> Condition5 | None:
     """Witnesses a little inside the float ones: as close as the exact check accepts."""
     gamma = float(observer.gamma)
-    slowest, largest, rho = _parts(observer, gamma)
+    slowest, largest, rho = _parts(_floats(observer.alphas), gamma)
     slack = min((rho / lipschitz) ** 2 - 1, 1.0) / 6
     size = len(np.asarray(observer.alphas))
     if math.log(largest) + (2 * size - 1) * math.log(gamma) > math.log(sys.float_info.max) - 1:

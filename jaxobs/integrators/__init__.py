@@ -3,6 +3,7 @@
 from jaxobs.integrators.adaptive import Adaptive as Adaptive
 from jaxobs.integrators.base import AbstractIntegrator as AbstractIntegrator
 from jaxobs.integrators.base import Field as Field
+from jaxobs.integrators.base import check_step as check_step
 from jaxobs.integrators.explicit import RK4 as RK4
 from jaxobs.integrators.explicit import Euler as Euler
 from jaxobs.integrators.exponential import Exponential as Exponential

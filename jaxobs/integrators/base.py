@@ -5,9 +5,10 @@ from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
 import jax
+import numpy as np
 from jaxtyping import PyTree
 
-from jaxobs._module import Module, Scalar
+from jaxobs._module import Module, Scalar, concrete, refuse
 
 State = PyTree
 
@@ -26,6 +27,7 @@ class AbstractIntegrator(Module):
     """`cache = prepare(field, dt, z)` once for each trajectory, outside the loop; then `step` for each grid interval."""
 
     needs_uniform_grid: ClassVar[bool] = False
+    stability_limit: ClassVar[float | None] = None  # the largest lambda h on z' = -lambda z of an explicit method
 
     @abc.abstractmethod
     def prepare(self, field: Field, dt: Scalar, z: State) -> Any: ...
@@ -45,3 +47,23 @@ def repeat(advance: Callable[[Scalar, State], State], substeps: int, t: Scalar, 
 def axpy(scale: Scalar, x: State, y: State) -> State:
     """scale * x + y, leaf by leaf."""
     return jax.tree.map(lambda a, b: scale * a + b, x, y)
+
+
+def check_step(owner: str, part: Module, integrator: AbstractIntegrator, dt: Any) -> None:
+    """A part that says how fast its own equations decay (`fastest_rate`) meets steps that an explicit method can take.
+
+    ValueError, where the values are concrete, with the limit of the method and the steps that keep it.
+    """
+    rate, limit = getattr(part, "fastest_rate", None), integrator.stability_limit
+    if rate is None or limit is None:
+        return
+    known, step = concrete(rate), concrete(dt)
+    if known is None or step is None:
+        return
+    substeps = getattr(integrator, "substeps", 1)
+    product = float(np.max(known)) * float(step) / substeps
+    if product >= limit:
+        need = int(float(np.max(known)) * float(step) / limit) + 1
+        given = f"{type(integrator).__name__} at steps of {float(step) / substeps:.6g} s, rate * step = {product:.4g}"
+        fix = f"Take substeps={need} or more, a smaller period, or a step observer such as StepLyapunov."
+        raise refuse(owner, "integrator", given, f"less than {limit}, its limit of stability, for {type(part).__name__}", fix)

@@ -1,5 +1,7 @@
 """Explicit one-step methods at a fixed step."""
 
+from typing import ClassVar
+
 import jax
 
 from jaxobs._module import require_integer, static
@@ -10,6 +12,7 @@ class Euler(AbstractIntegrator):
     """z+ = z + dt f(t, z). Order 1; stable on z' = -lambda z for lambda dt < 2."""
 
     substeps: int = static(default=1)
+    stability_limit: ClassVar[float | None] = 2.0
 
     def __check_init__(self):
         require_integer(self, "substeps", self.substeps, 1, "It counts the steps in one grid interval.")
@@ -26,6 +29,7 @@ class RK4(AbstractIntegrator):
     """The classical Runge-Kutta method. Order 4; stable on z' = -lambda z for lambda dt < 2.785."""
 
     substeps: int = static(default=1)
+    stability_limit: ClassVar[float | None] = 2.785
 
     def __check_init__(self):
         require_integer(self, "substeps", self.substeps, 1, "It counts the steps in one grid interval.")

@@ -1,14 +1,32 @@
 """Observers: an object is data plus one formula. Which gains it carries, and what proves them, is the business of `designs`."""
 
+from jaxobs.observers.algebraic import AbstractAlgebraicMap as AbstractAlgebraicMap
+from jaxobs.observers.algebraic import Algebraic as Algebraic
+from jaxobs.observers.algebraic import DiscreteAlgebraic as DiscreteAlgebraic
+from jaxobs.observers.algebraic import crossings as crossings
+from jaxobs.observers.algebraic import output_derivatives as output_derivatives
+from jaxobs.observers.algebraic import sensitivity as sensitivity
+from jaxobs.observers.algebraic_maps import DuffingRational as DuffingRational
+from jaxobs.observers.algebraic_maps import DuffingRoot as DuffingRoot
+from jaxobs.observers.algebraic_maps import RationalMap as RationalMap
 from jaxobs.observers.base import AbstractFlowObserver as AbstractFlowObserver
 from jaxobs.observers.base import AbstractObserver as AbstractObserver
 from jaxobs.observers.base import AbstractStepObserver as AbstractStepObserver
 from jaxobs.observers.base import Observer as Observer
 from jaxobs.observers.discrete_tracker import DiscreteTracker as DiscreteTracker
 from jaxobs.observers.high_gain import HighGain as HighGain
+from jaxobs.observers.inner_injection import InnerInjection as InnerInjection
+from jaxobs.observers.inner_injection import measured as measured
 from jaxobs.observers.integral import IntegralHighGain as IntegralHighGain
+from jaxobs.observers.kalman import ContinuousKalman as ContinuousKalman
+from jaxobs.observers.kalman import DiscreteKalman as DiscreteKalman
 from jaxobs.observers.luenberger import CurrentLuenberger as CurrentLuenberger
 from jaxobs.observers.luenberger import Luenberger as Luenberger
 from jaxobs.observers.luenberger import StepLuenberger as StepLuenberger
+from jaxobs.observers.output_injection import OutputInjection as OutputInjection
+from jaxobs.observers.lyapunov import Lyapunov as Lyapunov
+from jaxobs.observers.lyapunov import StepLyapunov as StepLyapunov
 from jaxobs.observers.sampled import Sampled as Sampled
+from jaxobs.observers.sampled_kalman import ContinuousDiscreteKalman as ContinuousDiscreteKalman
+from jaxobs.observers.step_integral import StepIntegral as StepIntegral
 from jaxobs.observers.tracker import Tracker as Tracker

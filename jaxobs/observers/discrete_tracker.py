@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from jaxobs._module import Scalar, param, require_positive, require_shape, static
 from jaxobs.observers._fading import fading_memory_gain, sampled_matrix, start_up_gain
 from jaxobs.observers.base import AbstractStepObserver
-from jaxobs.observers.tracker import check_tracker, signs
+from jaxobs.observers.tracker import check_start, check_tracker, signs, start_matrix
 from jaxobs.plants.integrator_chain import taylor_step
 
 
@@ -22,17 +22,18 @@ class DiscreteTracker(AbstractStepObserver):
 
     This is paper 001, (30) and (33), in the corrected form: y_k enters the estimate at k, the gain is that of H_k, and all
     poles lie at sigma (the printed denominators of (35)-(37) are unstable). start = None takes the steady gain from the
-    first sample; otherwise H_0 = start I + dt C~'C~ and there is no peaking. Polynomials of degree < n are followed without
+    first sample; otherwise H_0 = start + dt C~'C~ and there is no peaking. Polynomials of degree < n are followed without
     error for q = 0; for q > 0 of degree < 2, and beyond that up to dt^2/12 y'', the cost of the straight lines.
 
-    n >= 1, q >= 0, mu [1/s] > 0, dt [s] > 0 (checked against the data), start > 0 or None.
+    n >= 1, q >= 0, mu [1/s] > 0, dt [s] > 0 (checked against the data), start > 0 (a number, a diagonal or a matrix, as in
+    Tracker) or None.
     """
 
     n: int = static()
     q: int = static()
     mu: Scalar = param()
     dt: Scalar = param()
-    start: Scalar | None = param(default=None)
+    start: Float[Array, "..."] | None = param(default=None)
     m = 0
     p = 1
 
@@ -41,7 +42,7 @@ class DiscreteTracker(AbstractStepObserver):
         require_shape(self, "dt", self.dt, (), "One sampling period.")
         require_positive(self, "dt", self.dt, "It is the sampling period in seconds.")
         if self.start is not None:
-            require_positive(self, "start", self.start, "H_0 = start I + dt C'C; None takes the steady gain at once.")
+            check_start(self, "H_0 = start + dt C'C; None takes the steady gain at once.")
 
     def init(self, xhat0):
         eta = jnp.concatenate([jnp.zeros((self.q,), xhat0.dtype), xhat0])
@@ -54,9 +55,10 @@ class DiscreteTracker(AbstractStepObserver):
         if self.start is None:
             return fading_memory_gain(size, decrement, self.dt)
         rate = decrement / self.dt
-        scaled = jnp.diag(self.start * rate * rate ** (2 * jnp.arange(size, dtype=rate.dtype))).at[0, 0].add(decrement)
+        grades = rate ** jnp.arange(size, dtype=rate.dtype)
+        scaled = (rate * grades[:, None] * start_matrix(self) * grades[None, :]).at[0, 0].add(decrement)
         column = start_up_gain(sampled_matrix(size, 1 - decrement), scaled, decrement * k, self.mu * self.dt * k)
-        return decrement * rate ** jnp.arange(size, dtype=rate.dtype) * column
+        return decrement * grades * column
 
     def _ahead(self, z, y):
         """eta-: the state carried to this sample (at the very first sample there is nothing to carry)."""

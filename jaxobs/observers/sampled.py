@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 
 from jaxobs._module import Scalar, param, require_instance, require_positive, require_shape
-from jaxobs.integrators import AbstractIntegrator, Field
+from jaxobs.integrators import AbstractIntegrator, Field, check_step
 from jaxobs.observers.base import AbstractFlowObserver, AbstractStepObserver
 
 
@@ -24,6 +24,7 @@ class Sampled(AbstractStepObserver):
         )
         require_shape(self, "dt", self.dt, (), "One sampling period.")
         require_positive(self, "dt", self.dt, "It is the sampling period in seconds.")
+        check_step("Sampled", self.observer, self.integrator, self.dt)
 
     @property
     def n(self):

@@ -1,10 +1,12 @@
 """The nonpeaking time-derivative tracker, continuous: no model, a gain that opens gently."""
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from jaxobs._module import (
     Scalar,
+    concrete,
     param,
     refuse,
     require_finite,
@@ -22,25 +24,28 @@ from jaxobs.observers.base import AbstractFlowObserver
 class Tracker(AbstractFlowObserver):
     """Estimates (y, y', ..., y^(n-1)) without a model; with eta = (xi, xhat), s = (+1 on xi, -1 on xhat; all +1 if q = 0),
 
-        eta' = (A~ - K(t) C~) eta + B y,    K = H^-1 C~',    H' = -mu H - A~'H - H A~ + C~'C~,    H(0) = start I
+        eta' = (A~ - K(t) C~) eta + B y,    K = H^-1 C~',    H' = -mu H - A~'H - H A~ + C~'C~,    H(0) = start
 
     (paper 001, (4)). A~ = s A_N s with the plain shift A_N, N = n + q, so one closed form of H serves every (n, q):
     H(t) = H_inf + e^{-mu t} e^{-A~'t} (H(0) - H_inf) e^{-A~t}. The gain tends to s_i C(N, i) mu^i, all poles at -mu; from any
-    start > 0 there is no peaking. In steady state it is IntegralHighGain on IntegratorChain(n) with binomial alphas.
+    fixed start > 0 there is no peaking, uniformly in mu. In steady state it is IntegralHighGain on IntegratorChain(n) with
+    binomial alphas.
 
-    n >= 1 derivatives (y counts), q >= 0 integrators, mu [1/s] > sqrt(n + q) for the paper's theorem, start > 0.
+    n >= 1 derivatives (y counts), q >= 0 integrators, mu [1/s] > sqrt(n + q) for the paper's theorem. start: a number c for
+    c I, N numbers for a diagonal, or a positive definite (N, N), in the coordinates of eta; jaxobs.linalg.tracker_steady(n, q,
+    mu) makes the gain constant, and peaks.
     """
 
     n: int = static()
     q: int = static()
     mu: Scalar = param()
-    start: Scalar = param(default=1.0)
+    start: Float[Array, "..."] = param(default=1.0)
     m = 0
     p = 1
 
     def __check_init__(self):
         check_tracker(self)
-        require_positive(self, "start", self.start, "H(0) = start I; large values open the gain slowly.")
+        check_start(self, "H(0) = start; large values open the gain slowly.")
 
     def init(self, xhat0):
         return jnp.concatenate([jnp.zeros((self.q,), xhat0.dtype), xhat0]), jnp.zeros((), xhat0.dtype)
@@ -50,7 +55,8 @@ class Tracker(AbstractFlowObserver):
         size = self.n + self.q
         tau = self.mu * elapsed
         steady = pascal_matrix(size, self.mu.dtype)
-        scaled_start = jnp.diag(self.start * self.mu * self.mu ** (2 * jnp.arange(size, dtype=self.mu.dtype)))
+        grades = self.mu ** jnp.arange(size, dtype=self.mu.dtype)
+        scaled_start = self.mu * grades[:, None] * start_matrix(self) * grades[None, :]
         return powers(self.mu, size) * start_up_gain(steady, scaled_start, tau, tau)
 
     def flow(self, t, z, u, y):
@@ -72,6 +78,36 @@ class Tracker(AbstractFlowObserver):
 def signs(n: int, q: int, dtype) -> Float[Array, " N"]:
     """s: +1 on the integrators, -1 on the estimate; all +1 without integrators."""
     return jnp.asarray([1.0] * q + [-1.0 if q else 1.0] * n, dtype)
+
+
+def start_matrix(tracker) -> Float[Array, "N N"]:
+    """H(0) in the coordinates of the plain shift: s H(0) s."""
+    n, q, start = tracker.n, tracker.q, tracker.start
+    if start.ndim < 2:
+        return jnp.diag(jnp.broadcast_to(start, (n + q,)))
+    s = signs(n, q, start.dtype)
+    return s[:, None] * start * s[None, :]
+
+
+def check_start(tracker, what: str) -> None:
+    """A number, a diagonal or a matrix of size n + q, positive definite where it is concrete."""
+    size, start = tracker.n + tracker.q, tracker.start
+    shapes = ((), (size,), (size, size))
+    if np.shape(start) not in shapes:
+        expected = f"shape {shapes[0]}, {shapes[1]} or {shapes[2]}"
+        raise refuse(
+            tracker, "start", f"shape {np.shape(start)}", expected, "A grid goes through jaxobs.grid(observer, start=...)."
+        )
+    if np.ndim(start) < 2:
+        return require_positive(tracker, "start", start, what)
+    known = concrete(start)
+    if known is None:
+        return None
+    d = np.sqrt(np.abs(np.diag(known)))
+    lowest = np.linalg.eigvalsh(known / np.outer(d, d))[0] if np.all(np.diag(known) > 0) else -1.0
+    if not np.allclose(known, known.T, rtol=1e-6, atol=0) or lowest <= 0:
+        raise refuse(tracker, "start", known.tolist(), "a symmetric positive definite matrix", what)
+    return None
 
 
 def check_tracker(tracker) -> None:

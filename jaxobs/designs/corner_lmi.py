@@ -1,0 +1,144 @@
+"""One gain and one quadratic Lyapunov function for all corners of a polytope, at a required rate: found, then proved.
+
+The inequalities are solved in coordinates in which the last P is the identity, from an easy rate to the required one (_frame,
+_climb); what comes out is accepted by the exact check alone.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from jaxobs._module import refuse
+from jaxobs.certificates import Corners, StepCorners
+from jaxobs.designs._climb import Climb, climb
+from jaxobs.designs._frame import CONDITION, frame, in_frame, quietest
+from jaxobs.designs.infeasible import Infeasible
+from jaxobs.designs.polytope import Polytope
+
+REPEATS = 5  # of the search for the quietest gain, each in the coordinates of the last P
+
+
+def prove(
+    model: Polytope, gain: np.ndarray, *, rate: float | None = None, step: bool = False, origin: str = "given"
+) -> Corners | StepCorners:
+    """The certificate that a given gain (n, p) makes the error decay at `rate` [1/s] (default 0), or, for step models, by the
+    factor `rate` in ]0, 1] a step (default 1). Infeasible if no P proves it; its `best` is the largest rate that one does.
+    """
+    gain = np.asarray(gain, float)
+    model.closed(gain)
+    rate = _checked("prove", rate, step)
+    start = frame(model, step=step, gain=gain)
+    way = climb(start, start.kappa(rate), gain)
+    if way.found is not None and way.kappa >= start.kappa(rate):
+        for place, found in _recentred(way, gain):
+            certificate = _certificate(model, gain, place.lyapunov(found.values["p"]), rate, step, origin)
+            if certificate.verify():
+                return certificate
+    raise _infeasible(way, gain, rate, step, "this gain")
+
+
+def synthesise(
+    model: Polytope,
+    *,
+    rate: float | None = None,
+    step: bool = False,
+    process: Any = None,
+    noise: Any = None,
+    origin: str = "given",
+) -> tuple[np.ndarray, Corners | StepCorners]:
+    """A gain L (n, p) and the certificate that the error decays at `rate` (as in `prove`) for all parameters in the box.
+
+    Among the gains that do it with one P, the smallest bound tr(P process) + tr(L'P L noise) on the error's variance E |e|^2
+    under white process and measurement noise of these intensities (n, n) and (p, p), identities if not given: the same P also
+    satisfies P G + G'P + I < 0. Infeasible, with the largest rate found, if no gain within reach has such a P.
+    """
+    rate = _checked("synthesise", rate, step)
+    process, noise = (
+        np.eye(size) if one is None else np.asarray(one, float) for one, size in ((process, model.n), (noise, model.p))
+    )
+    start = frame(model, step=step)
+    target = start.kappa(rate)
+    way = climb(start, target, None)
+    if way.found is None or way.kappa < target:
+        raise _infeasible(way, None, rate, step, "any gain within reach")
+    place, cost, best = way.place.centred(way.found.values["p"]), np.inf, None
+    for _ in range(REPEATS):
+        found = quietest(place, target, *in_frame(place, process, noise))
+        if not found.values or np.linalg.eigvalsh(found.values["p"])[0] <= 0:
+            break
+        proved = _proved(model, place, found, rate, step, origin)
+        place = place.centred(found.values["p"])
+        if proved is not None and -found.value < cost:
+            gained, cost, best = 1 + found.value / cost, -found.value, proved
+            if gained < 0.02:
+                break
+    best = best or _proved(model, way.place, way.found, rate, step, origin)
+    if best is None:
+        raise _infeasible(way, None, rate, step, "any gain tried, in floats that pass the exact check,")
+    return best
+
+
+def _proved(model, place, found, rate, step, origin) -> tuple[np.ndarray, Corners | StepCorners] | None:
+    gain = place.gain(found.values["p"], found.values["y"])
+    try:
+        return gain, prove(model, gain, rate=rate, step=step, origin=origin)
+    except Infeasible:
+        return None
+
+
+def largest_rate(model: Polytope, gain: np.ndarray | None = None, *, step: bool = False, rtol: float = 1e-4) -> float:
+    """The supremum of the rates [1/s] that one P proves for this gain, or for any gain within reach; infinite if a high gain
+    does them all. For step models the infimum of the factors a step. Negative rates (factors above 1) are answers too."""
+    if gain is not None:
+        model.closed(gain)
+    gain = None if gain is None else np.asarray(gain, float)
+    way = climb(frame(model, step=step, gain=gain), np.inf, gain, rtol=rtol)
+    return way.place.rate(way.kappa)
+
+
+def _checked(owner: str, rate: float | None, step: bool) -> float:
+    if rate is None:
+        return 1.0 if step else 0.0
+    if not (isinstance(rate, (int, float, np.number)) and np.isfinite(rate) and (0 < rate <= 1 if step else rate >= 0)):
+        expected = "a factor in ]0, 1], the error's decay a step" if step else "a number >= 0, the error's decay in 1/s"
+        raise refuse(owner, "rate", repr(rate), expected, "Leave it out to ask for decay alone.")
+    return float(rate)
+
+
+def _recentred(way: Climb, gain: np.ndarray):
+    """The P that was found, then those found again in its own coordinates."""
+    place, found = way.place, way.found
+    assert found is not None
+    yield place, found
+    for _ in range(3):
+        place = place.centred(found.values["p"])
+        found = place.solve(way.kappa, gain)
+        if found.margin <= 0:
+            return
+        yield place, found
+
+
+def _certificate(model, gain, p, rate, step, origin) -> Corners | StepCorners:
+    fields = {name: _tuples(getattr(model, name)) for name in ("a", "b", "c", "lower", "upper", "output")}
+    fields |= {"gain": _tuples(gain), "p": _tuples(p), "origin": origin}
+    fields |= {"tied": model.tied if len(set(model.tied)) < model.r else ()}
+    return StepCorners(**fields, factor=rate) if step else Corners(**fields, rate=rate)
+
+
+def _tuples(array: np.ndarray) -> tuple[Any, ...]:
+    return tuple(map(_tuples, array)) if array.ndim > 1 else tuple(float(x) for x in array)
+
+
+def _infeasible(way: Climb, gain: np.ndarray | None, rate: float, step: bool, what: str) -> Infeasible:
+    best = None if way.found is None else way.place.rate(way.kappa)
+    place = way.place if way.found is None else way.place.centred(way.found.values["p"])
+    refuted = place.refute(place.kappa(rate), gain)
+    kind = "factor a step" if step else "decay rate"
+    reason = f"no P was found that proves the {kind} {rate:.6g} of {what} at all corners"
+    if refuted.bound < 0:
+        reason += f", and by duality none exists with a condition number up to {CONDITION:.0e} in the coordinates of the last P"
+    change = "Nothing is proved at any rate: narrow the bounds, or add an output."
+    if best is not None:
+        change = f"The best {kind} proved on the way is {best:.6g}; ask for less, or narrow the bounds."
+    tried = (f"{way.solves} inequalities, each in the coordinates of the last P",)
+    return Infeasible(reason, refuted.bound, change, best=best, tried=tried)

@@ -1,0 +1,217 @@
+"""Semidefinite programs whose answers are checked: the solver proposes, its values and its duals are recomputed here.
+
+A linear matrix inequality is a NumPy function of its unknowns, affine, returning symmetric matrices F_i that shall be > 0:
+
+    unknowns = {"p": sdp.symmetric(2, trace=2.0), "y": sdp.full(1, 2)}
+    found = sdp.feasible(unknowns, lambda p, y: [p, -(a.T @ p + p @ a - y.T @ c - c.T @ y)])
+
+`found.margin` is the smallest eigenvalue of all F_i at the returned values, `found.bound` what no values can exceed (weak
+duality). A solver's word, "optimal" or "infeasible", is passed on by neither.
+"""
+
+import dataclasses
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import cvxpy as cp
+import numpy as np
+import scipy.linalg
+
+# The second is asked only when the first returns no values at all.
+SOLVERS = ((cp.CLARABEL, {}), (cp.SCS, {"eps": 1e-8, "max_iters": 2_000}))
+
+REFINEMENTS = 30  # alternating projections of the duals
+
+
+@dataclasses.dataclass(frozen=True)
+class Unknown:
+    """The shape of an unknown and what its entries may not exceed in absolute value (the box that makes bounds finite).
+
+    trace: of a symmetric unknown, fixed; None where it is free.
+    """
+
+    shape: tuple[int, ...]
+    is_symmetric: bool
+    reach: float
+    trace: float | None = None
+
+    @property
+    def centre(self) -> np.ndarray:
+        """The value with all free entries zero."""
+        return np.zeros(self.shape) if self.trace is None else np.eye(self.shape[0]) * self.trace / self.shape[0]
+
+    @property
+    def basis(self) -> np.ndarray:
+        """What each free entry adds to the centre, (entries, *shape)."""
+        if not self.is_symmetric:
+            return np.eye(int(np.prod(self.shape))).reshape(-1, *self.shape)
+        n = self.shape[0]
+        rows, columns = np.triu_indices(n)
+        units = np.zeros((len(rows), n, n))
+        units[np.arange(len(rows)), rows, columns] = units[np.arange(len(rows)), columns, rows] = 1
+        if self.trace is None:
+            return units
+        units[rows == columns, -1, -1] -= 1  # the last diagonal entry makes up for the others
+        return units[:-1]
+
+
+def symmetric(n: int, *, reach: float = 1e4, trace: float | None = None) -> Unknown:
+    """A symmetric (n, n) matrix. With its trace fixed, a homogeneous problem (P > 0, A'P + P A < 0) has no trivial answer."""
+    return Unknown((n, n), True, reach if trace is None else min(reach, trace), trace)
+
+
+def full(rows: int, columns: int, *, reach: float = 1e4) -> Unknown:
+    """Any (rows, columns) matrix."""
+    return Unknown((rows, columns), False, reach)
+
+
+def scalar(*, reach: float = 1e4) -> Unknown:
+    """A number."""
+    return Unknown((), False, reach)
+
+
+@dataclasses.dataclass(frozen=True)
+class Solution:
+    """values: the unknowns by name, {} when no solver gave any. margin: min_i lambda_min(F_i(values)), recomputed; -inf without
+    values. value: the objective there (for `feasible` the margin). bound: an upper bound on the objective over the box of the
+    unknowns, from the duals, up to rounding. duals: one symmetric matrix >= 0 for each F_i. Source: Boyd and Vandenberghe,
+    Convex Optimization, section 5.9.
+    """
+
+    values: dict[str, np.ndarray]
+    margin: float
+    value: float
+    bound: float
+    duals: tuple[np.ndarray, ...]
+
+    @property
+    def is_feasible(self) -> bool:
+        """The values satisfy every inequality strictly, in floats."""
+        return self.margin > 0
+
+    @property
+    def is_infeasible(self) -> bool:
+        """For `feasible`: no values within reach satisfy all inequalities (up to rounding). Not the negation of is_feasible."""
+        return self.bound < 0
+
+
+Matrices = Sequence[Any]
+Unknowns = Mapping[str, Unknown]
+
+
+def feasible(unknowns: Unknowns, lmis: Callable[..., Matrices]) -> Solution:
+    """Values with F_i >= t I for the largest common t. Normalise what is homogeneous: fix a trace, or add I - P > 0."""
+    constant, linear = _coefficients(unknowns, lmis)
+    pushed = [np.concatenate([part, -np.eye(len(first))[None]]) for first, part in zip(constant, linear, strict=True)]
+    size = linear[0].shape[0]
+    reach = np.append(_reach(unknowns), max(np.max(np.abs(first), initial=1.0) for first in constant) * 1e4)
+    return _solve(unknowns, (constant, pushed), np.append(np.zeros(size), 1.0), 0.0, reach, (constant, linear))
+
+
+def optimise(
+    unknowns: Unknowns, lmis: Callable[..., Matrices], *, maximise: Callable[..., Any], margin: float = 1e-8
+) -> Solution:
+    """Values with F_i >= margin I that maximise an affine function of the unknowns."""
+    constant, linear = _coefficients(unknowns, lmis)
+    start, slopes = _coefficients(unknowns, lambda **x: [np.reshape(maximise(**x), (1, 1))])
+    shifted = [first - margin * np.eye(len(first)) for first in constant]
+    objective, offset = slopes[0][:, 0, 0], float(start[0][0, 0])
+    return _solve(unknowns, (shifted, linear), objective, offset, _reach(unknowns), (constant, linear))
+
+
+def _reach(unknowns: Unknowns) -> np.ndarray:
+    return np.concatenate([np.full(len(unknown.basis), unknown.reach) for unknown in unknowns.values()])
+
+
+def _coefficients(unknowns: Unknowns, lmis: Callable[..., Matrices]) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """F_i(0), (k_i, k_i), and the slopes of F_i along each free entry, (entries, k_i, k_i), by evaluating at unit vectors."""
+    zero = {name: unknown.centre for name, unknown in unknowns.items()}
+    constant = [np.asarray(f, float) for f in lmis(**zero)]
+    slopes = [
+        [np.asarray(f, float) - first for f, first in zip(lmis(**(zero | {name: zero[name] + unit})), constant, strict=True)]
+        for name, unknown in unknowns.items()
+        for unit in unknown.basis
+    ]
+    return constant, [np.stack(one) for one in zip(*slopes, strict=True)]
+
+
+def _solve(unknowns, program, objective, offset, reach, inequalities) -> Solution:
+    """maximise objective'x + offset with program >= 0 and |x| <= reach; `inequalities` are what the margin is taken of."""
+    for solver, options in SOLVERS:
+        x, duals = _propose(program, objective, reach, solver, options)
+        if x is None:
+            continue
+        entries = x[: len(inequalities[1][0])]
+        margin = min(float(_lowest(_at(f, entries))) for f in zip(*inequalities, strict=True))
+        is_phase_one = len(entries) < len(x)
+        bound = _bound(program, objective, reach, duals)
+        if not (is_phase_one and margin > 0):  # a feasible point is at hand: nothing to refute
+            refined = _refined(program, objective, duals)
+            if (better := _bound(program, objective, reach, refined)) < bound:
+                bound, duals = better, refined
+        value = margin if is_phase_one else float(objective @ x + offset)
+        return Solution(_named(unknowns, entries), margin, value, offset + bound, tuple(duals))
+    return Solution({}, -np.inf, -np.inf, np.inf, ())
+
+
+def _propose(program, objective, reach, solver, options) -> tuple[np.ndarray | None, list[np.ndarray]]:
+    x = cp.Variable(len(objective))
+    cones = []
+    for first, slopes in zip(*program, strict=True):
+        k = len(first)
+        cones.append(cp.reshape(slopes.reshape(len(objective), k * k).T @ x, (k, k), order="C") + first >> 0)
+    box = cp.multiply(1 / reach, x)
+    problem = cp.Problem(cp.Maximize(objective @ x), [*cones, box <= 1, box >= -1])
+    with warnings.catch_warnings():  # "may be inaccurate": recomputed by the caller, whatever the solver says
+        warnings.simplefilter("ignore")
+        try:
+            problem.solve(solver=solver, **options)
+        except (cp.SolverError, ValueError, ArithmeticError):
+            return None, []
+    if x.value is None or not np.all(np.isfinite(x.value)):
+        return None, []
+    return np.asarray(x.value), [_positive_part(cone.dual_value) for cone in cones]
+
+
+def _refined(program, objective, duals) -> list[np.ndarray]:
+    """The duals moved the least that makes them stationary, objective_j + sum_i <Z_i, F_ij> = 0, and back to Z_i >= 0."""
+    rows = np.concatenate([slopes.reshape(len(objective), -1) for slopes in program[1]], axis=1)
+    ends, shapes = np.cumsum([z.size for z in duals])[:-1], [z.shape for z in duals]
+    pseudo = np.linalg.pinv(rows)
+    for _ in range(REFINEMENTS):
+        flat = np.concatenate([z.reshape(-1) for z in duals])
+        parts = np.split(flat - pseudo @ (objective + rows @ flat), ends)
+        duals = [_positive_part(part.reshape(shape)) for part, shape in zip(parts, shapes, strict=True)]
+    return duals
+
+
+def _bound(program, objective, reach, duals) -> float:
+    """Weak duality over the box: objective'x <= sum_i <Z_i, F_i(0)> + sum_j reach_j |objective_j + sum_i <Z_i, F_ij>|."""
+    constant, linear = program
+    residual = objective + sum(np.einsum("jab,ab->j", slopes, z) for slopes, z in zip(linear, duals, strict=True))
+    return float(sum(np.sum(first * z) for first, z in zip(constant, duals, strict=True)) + reach @ np.abs(residual))
+
+
+def _positive_part(z: np.ndarray) -> np.ndarray:
+    values, vectors = np.linalg.eigh((z + z.T) / 2)
+    return (vectors * np.maximum(values, 0)) @ vectors.T
+
+
+def _at(inequality, x: np.ndarray) -> np.ndarray:
+    first, slopes = inequality
+    return first + np.tensordot(x, slopes, 1)
+
+
+def _lowest(f: np.ndarray) -> float:
+    return scipy.linalg.eigvalsh(f)[0]
+
+
+def _named(unknowns: Unknowns, x: np.ndarray) -> dict[str, np.ndarray]:
+    values: dict[str, np.ndarray] = {}
+    used = 0
+    for name, unknown in unknowns.items():
+        basis = unknown.basis
+        values[name] = np.asarray(unknown.centre + np.tensordot(x[used : used + len(basis)], basis, 1))
+        used += len(basis)
+    return values
