@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from jaxobs import datasets as datasets
     from jaxobs import designs as designs
     from jaxobs import excitation as excitation
+    from jaxobs import excitation as excitation
     from jaxobs import hurwitz as hurwitz
     from jaxobs import integrators as integrators
     from jaxobs import linalg as linalg
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from jaxobs import monitors as monitors
     from jaxobs import noise as noise
     from jaxobs import observers as observers
+    from jaxobs import papers as papers
     from jaxobs import plants as plants
     from jaxobs import signals as signals
     from jaxobs import studies as studies
@@ -46,7 +48,7 @@ if TYPE_CHECKING:
 
 _MODULES = (
     "certificates", "chain_bounds", "datasets", "designs", "excitation", "hurwitz", "integrators", "linalg",
-    "metrics", "monitors", "noise", "observers", "plants", "signals", "studies", "tuning",
+    "metrics", "monitors", "noise", "observers", "papers", "plants", "signals", "studies", "tuning",
 )  # fmt: skip
 _NAMES = {
     "Derivatives": "_differentiate",

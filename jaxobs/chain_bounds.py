@@ -1,7 +1,9 @@
-"""What V = e'P(gamma)^-1 e of the chain Riccati equation proves: the constants of paper 000, (24) to (48), and (33), as functions.
+"""What V = e'P(gamma)^-1 e of the chain Riccati equation proves: the constants of paper 000, (24) to (48), and (33), as
+functions.
 
-P = D P~ D / gamma with D = diag(gamma^i), P~ = `linalg.chain_riccati(alphas)`; N = n + q, alphas (N,), a polynomial with (10) (the
-values mean nothing otherwise). For the q-integral observer P is the Z of (40). Everything is jittable and differentiable.
+P = D P~ D / gamma with D = diag(gamma^i), P~ = `linalg.chain_riccati(alphas)`; N = n + q, alphas (N,), a polynomial with (10)
+(the values mean nothing otherwise). For the q-integral observer P is the Z of (40). Everything is jittable and
+differentiable.
 """
 
 import jax.numpy as jnp
@@ -24,7 +26,8 @@ def diagonal_ratios(alphas: Float[Array, " N"]) -> Float[Array, " N"]:
 
 
 def metric_rate(alphas: Float[Array, " N"]) -> Scalar:
-    """1 / lambda_n of (28), the largest one: l~ = lambda_min(P~^-1/2 Q~ P~^-1/2), so that Q >= gamma l~ P with equality somewhere.
+    """1 / lambda_n of (28), the largest one: l~ = lambda_min(P~^-1/2 Q~ P~^-1/2), so that Q >= gamma l~ P with equality
+    somewhere.
 
     Hence lambda_min(P^-1/2 Q P^-1/2) = gamma l~ exactly, which is (31).
     """
@@ -33,8 +36,8 @@ def metric_rate(alphas: Float[Array, " N"]) -> Scalar:
 
 
 def normalised_weight(alphas: Float[Array, " N"], gamma: Scalar) -> Float[Array, "N N"]:
-    """P^-1/2 Q P^-1/2 with the symmetric root, the matrix of (29) and (30). Its eigenvalues are gamma times those at gamma = 1; its
-    eigenvectors turn with gamma."""
+    """P^-1/2 Q P^-1/2 with the symmetric root, the matrix of (29) and (30). Its eigenvalues are gamma times those at gamma =
+    1; its eigenvectors turn with gamma."""
     p, q = riccati_pair(alphas, gamma)
     values, vectors = jnp.linalg.eigh(p)
     inverse_root = (vectors / jnp.sqrt(values)) @ vectors.T
@@ -91,7 +94,8 @@ def growth(alphas: Float[Array, " N"], ratio: Scalar) -> Scalar:
 
 
 def initial_energy(alphas: Float[Array, " N"], gamma: Scalar, reach: Float[Array, " n"]) -> Scalar:
-    """The largest V(0) = e(0)'P^-1 e(0) over all initial errors |x_j - xhat_j| <= reach_j: at a corner of that box, all are tried.
+    """The largest V(0) = e(0)'P^-1 e(0) over all initial errors |x_j - xhat_j| <= reach_j: at a corner of that box, all are
+    tried.
 
     The errors of the q integrators are zero at the start (the bounded form starts its eps at 0).
     """
@@ -105,7 +109,8 @@ def initial_energy(alphas: Float[Array, " N"], gamma: Scalar, reach: Float[Array
 
 
 def gauthier_metric(n: int, theta: Scalar) -> Float[Array, "n n"]:
-    """S with -theta S - A'S - S A + C'C = 0 (Gauthier, Hammouri and Othman 1992): S_ij = (-1)^{i+j} C(i+j-2, i-1) / theta^{i+j-1}.
+    """S with -theta S - A'S - S A + C'C = 0 (Gauthier, Hammouri and Othman 1992): S_ij = (-1)^{i+j} C(i+j-2, i-1) /
+    theta^{i+j-1}.
 
     Its gain S^-1 C' is alphas_i theta^i with binomial alphas, that of P(theta) C'; the metrics S and P^-1 differ.
     """
@@ -123,7 +128,7 @@ def shannon_period(bandwidth: Scalar) -> Scalar:
 
 
 def bandwidth(x: Float[Array, " T"], dt: Scalar, share: float = 0.99) -> Scalar:
-    """The frequency [rad/s] below which a record has the given share of its power about the mean, by its Hann-windowed spectrum."""
+    """The frequency [rad/s] below which a record has this share of its power about the mean, by its Hann-windowed spectrum."""
     count = x.shape[0]
     window = jnp.asarray(np.hanning(count), x.dtype)
     power = jnp.abs(jnp.fft.rfft((x - jnp.mean(x)) * window)) ** 2

@@ -51,6 +51,7 @@ def test_the_certificate_is_about_what_the_observer_carries(n, q, dtype):
     assert (observer.n, observer.m) == (plant.n, plant.m)
 
 
+@pytest.mark.filterwarnings("ignore::jaxobs.designs.LargeGain")
 @pytest.mark.parametrize("q", [0, 2])
 def test_random_alphas_in_single_precision(q):
     plant = jaxobs.astype(Pendulum(), jnp.float32)

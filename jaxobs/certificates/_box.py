@@ -1,4 +1,4 @@
-"""What certificates about e' = (a + sum_k rho_k b_k c_k' - L output) e, rho in a box, share: checks and the matrix at one rho."""
+"""What certificates about e' = (a + sum_k rho_k b_k c_k' - L output) e, rho in a box, share: checks, the matrix at a rho."""
 
 import math
 from collections.abc import Sequence

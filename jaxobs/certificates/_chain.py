@@ -26,7 +26,9 @@ def augmented(left: FloatMatrix, right: FloatMatrix, q: int) -> tuple[exact.Matr
     return exact.zeros(q, len(m[0])) + m, [[Fraction(0)] * q + row for row in n]
 
 
-def malformed(n: int, q: int, gain: Sequence[float], matrices: Mapping[str, tuple[FloatMatrix, int | None, int | None]]) -> str | None:
+def malformed(
+    n: int, q: int, gain: Sequence[float], matrices: Mapping[str, tuple[FloatMatrix, int | None, int | None]]
+) -> str | None:
     """What is wrong with the sizes: matrices maps a name to (value, rows, columns), None where any number from 1 will do."""
     if not (n >= 1 and q >= 0 and len(gain) == n + q <= LARGEST):
         return f"{len(gain)} gains for n = {n}, q = {q}, at most {LARGEST} in all"

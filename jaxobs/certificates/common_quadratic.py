@@ -45,8 +45,8 @@ def common_quadratic(matrices: Sequence[exact.Matrix], *, step: bool = False) ->
 
     With P = [[1, x], [x, y]] and A stable, d_A(x, y) = det(A'P + P A) > 0 describes exactly the P that suit A: the inside of an
     ellipse (or parabola). By Helly's theorem convex sets in the plane have a common point if every three have. For three, the
-    curves d_A = 0 cut the plane into cells; above each interval of x that is free of roots of their discriminants and resultants
-    the curves keep their order, so one rational point in each cell decides. If A is not stable alone, (its place,) is blocking.
+    curves d_A = 0 cut the plane into cells; above each interval of x without roots of their discriminants and resultants the
+    curves keep their order, so one rational point in each cell decides. If A is not stable alone, (its place,) is blocking.
     """
     for k, matrix in enumerate(matrices):
         if not frozen(matrix, step=step).is_stable:

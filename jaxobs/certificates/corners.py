@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from fractions import Fraction
 from typing import ClassVar
 
-from jaxobs.certificates import exact
+from jaxobs.certificates import _box, exact
 from jaxobs.certificates.base import AbstractCertificate, FloatMatrix, Verdict
 
-LARGEST = 12  # states, and channels: a hostile file could otherwise keep the check busy
+LARGEST = 12  # parameters: a hostile file could otherwise keep the check busy
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,6 +38,7 @@ class Corners(AbstractCertificate):
     origin: str = "given"
     tied: tuple[int, ...] = ()
     theorem: ClassVar[str] = "corners"
+    step: ClassVar[int] = 0
 
     @property
     def claim(self) -> str:
@@ -54,7 +55,8 @@ class Corners(AbstractCertificate):
         p, rate = exact.matrix(self.p), Fraction(self.rate)
         if not exact.is_positive_definite(p):
             return Verdict(False, {}, "not certified: P > 0 fails")
-        for corner, f in _closed(self):
+        for corner in _parameters(self):
+            f = _box.closed(self, corner)
             pf = exact.product(p, f)
             decrease = exact.scale(Fraction(-1), exact.add(exact.add(pf, exact.transpose(pf)), exact.scale(2 * rate, p)))
             if not exact.is_positive_definite(decrease):
@@ -85,6 +87,7 @@ class StepCorners(AbstractCertificate):
     origin: str = "given"
     tied: tuple[int, ...] = ()
     theorem: ClassVar[str] = "step corners"
+    step: ClassVar[int] = 1
 
     @property
     def claim(self) -> str:
@@ -101,57 +104,33 @@ class StepCorners(AbstractCertificate):
         p, square = exact.matrix(self.p), Fraction(self.factor) ** 2
         if not exact.is_positive_definite(p):
             return Verdict(False, {}, "not certified: P > 0 fails")
-        for corner, f in _closed(self):
+        for corner in _parameters(self):
+            f = _box.closed(self, corner)
             after = exact.product(exact.transpose(f), exact.product(p, f))
             if not exact.is_positive_definite(exact.subtract(exact.scale(square, p), after)):
                 return Verdict(False, {}, f"not certified: F'P F < factor^2 P fails at the corner {corner}")
         return Verdict(True, {"decay_factor": self.factor}, "all corner inequalities hold, in exact arithmetic")
 
 
-def _closed(certificate: Corners | StepCorners) -> Iterator[tuple[tuple[float, ...], exact.Matrix]]:
-    """Every corner with its matrix F."""
-    one = certificate
-    b, c = exact.matrix(one.b), exact.matrix(one.c)
-    start = exact.subtract(exact.matrix(one.a), exact.product(exact.matrix(one.gain), exact.matrix(one.output)))
-    first = _first(one)
-    own = sorted(set(first))
-    for values in itertools.product(*(sorted({one.lower[k], one.upper[k]}) for k in own)):
-        f, corner = start, tuple(values[own.index(k)] for k in first)
-        for k, rho in enumerate(corner):
-            f = exact.add(f, [[Fraction(rho) * row[k] * entry for entry in c[k]] for row in b])
-        yield corner, f
-
-
-def _first(one: Corners | StepCorners) -> list[int]:
-    """For each channel, the first one with the same parameter: itself, if it is not tied."""
-    return [one.tied.index(k) for k in one.tied] if one.tied else list(range(len(one.lower)))
+def _parameters(one: Corners | StepCorners) -> Iterator[tuple[float, ...]]:
+    """rho at every corner of the box; tied channels move together."""
+    tied = one.tied or tuple(range(len(one.lower)))
+    own = {name: (one.lower[k], one.upper[k]) for k, name in enumerate(tied)}
+    for values in itertools.product(*(sorted(set(pair)) for pair in own.values())):
+        rho = dict(zip(own, values, strict=True))
+        yield tuple(rho[name] for name in tied)
 
 
 def _malformed(one: Corners | StepCorners, rate: float) -> str | None:
-    n, r, p = len(one.a), len(one.lower), len(one.output)
-    if not (1 <= n <= LARGEST and r <= LARGEST and 1 <= p <= LARGEST):
-        return f"{n} states, {r} channels, {p} outputs: expected 1 to {LARGEST}"
-    shapes = {"a": (n, n), "b": (n, r), "c": (r, n), "output": (p, n), "gain": (n, p), "p": (n, n)}
-    for name, (rows, columns) in shapes.items():
-        value = getattr(one, name)
-        if len(value) != rows or any(len(row) != columns for row in value):
-            return f"{name} is not of shape {(rows, columns)}"
-        if not all(math.isfinite(x) for row in value for x in row):
-            return f"{name} has an entry that is not finite"
-    if len(one.upper) != r or not all(math.isfinite(x) for x in (*one.lower, *one.upper, rate)):
-        return "the bounds or the rate are not finite numbers, one pair for each channel"
-    if any(lo > hi for lo, hi in zip(one.lower, one.upper, strict=True)):
-        return "a lower bound exceeds its upper bound"
-    if one.tied and len(one.tied) != r:
-        return f"tied has {len(one.tied)} numbers for {r} channels"
-    bounds = zip(one.tied, one.lower, one.upper, strict=False)
-    if len(set(bounds)) != len(set(one.tied)):
-        return "tied channels have different bounds"
-    if len(one.tied) not in (0, r):
-        return f"{len(one.tied)} numbers in tied for {r} channels"
-    if any((one.lower[k], one.upper[k]) != (one.lower[j], one.upper[j]) for k, j in enumerate(_first(one))):
-        return "tied channels have different bounds"
-    return None
+    problem = _box.problem(one, [one.lower, one.upper])
+    if problem:
+        return problem
+    if len(set(one.tied or range(len(one.lower)))) > LARGEST:
+        return f"more than {LARGEST} parameters"
+    n = len(one.a)
+    if len(one.p) != n or any(len(row) != n for row in one.p) or not all(math.isfinite(x) for row in one.p for x in row):
+        return f"p is not a finite matrix of shape {(n, n)}"
+    return None if math.isfinite(rate) else "the rate is not finite"
 
 
 def _described(one: Corners | StepCorners) -> str:

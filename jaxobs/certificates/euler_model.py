@@ -1,4 +1,4 @@
-"""Convergence of an observer of the Euler model, for every phi with a norm-bounded slope: (62), (63) and their augmented forms."""
+"""Observers of the Euler model, for every phi with a norm-bounded slope: (62), (63) and their augmented forms."""
 
 import dataclasses
 import math
@@ -11,15 +11,15 @@ from jaxobs.certificates.base import AbstractCertificate, FloatMatrix, Verdict
 
 @dataclasses.dataclass(frozen=True)
 class EulerModel(AbstractCertificate):
-    """For the Euler model x+ = x + dt (A x + B phi(x, u)), B dphi/dx = M F N with |F| <= 1, and xhat+ = the same + L (y - xhat_1):
-    with K = I + dt A - L C,
+    """For the Euler model x+ = x + dt (A x + B phi(x, u)), B dphi/dx = M F N with |F| <= 1, and xhat+ = the same + L (y -
+    xhat_1): with K = I + dt A - L C,
 
         X > 0   and   [factor^2 X - epsilon N'N,  -K'X,  0;  -X K,  X,  -dt X M;  0,  -dt M'X,  epsilon I] > 0
 
-    imply |e_k| <= sqrt(cond X) factor^k |e_0|, the error tending to zero also for factor = 1. With L = X^-1 C' and factor = 1 this
-    is (62); with X = P(gamma)^-1 / dt, epsilon = tau, L = dt P(gamma) C' it is (63) (paper 000). It says nothing about the
-    plant that the Euler model replaces. Behind q integrators A and C are the augmented ones, M has q zero rows above, N q zero
-    columns to the left.
+    imply |e_k| <= sqrt(cond X) factor^k |e_0|, the error tending to zero also for factor = 1. With L = X^-1 C' and factor = 1
+    this is (62); with X = P(gamma)^-1 / dt, epsilon = tau, L = dt P(gamma) C' it is (63) (paper 000). It says nothing about
+    the plant that the Euler model replaces. Behind q integrators A and C are the augmented ones, M has q zero rows above, N q
+    zero columns to the left.
 
     n states, q integrators, gain L (n + q,), dt [s], left M (n, r), right N (s, n), x (n + q, n + q), epsilon > 0, factor in
     ]0, 1]. origin: where the slopes come from, a sentence. Source: paper 000, (51)-(63), theorem 2.
@@ -42,7 +42,7 @@ class EulerModel(AbstractCertificate):
         kind = "" if self.q == 0 else f" behind {self.q} integrators"
         how = "tends to zero" if self.factor == 1 else f"decays at least like {self.factor!r}^k"
         return (
-            f"the error of the observer of the Euler model with n = {self.n}, dt = {self.dt!r} and the gain L = {self.gain!r}{kind} "
+            f"the error of the observer of the Euler model with n = {self.n}, dt = {self.dt!r} and L = {self.gain!r}{kind} "
             f"{how}, for every phi with B dphi/dx = M F N, |F| <= 1, M = {self.left!r}, N = {self.right!r}"
         )
 

@@ -29,8 +29,8 @@ class LinearError(AbstractCertificate):
     @property
     def claim(self) -> str:
         return (
-            f"the error of the output injection observer with n = {self.n} and the gain L = {self.gain!r} decays exponentially, at "
-            f"least like exp(-{self.rate!r} t), for every phi(y, u)"
+            f"the error of the output injection observer with n = {self.n} and the gain L = {self.gain!r} decays "
+            f"exponentially, at least like exp(-{self.rate!r} t), for every phi(y, u)"
         )
 
     @property

@@ -1,5 +1,6 @@
 """Exact polynomials in one variable: integers, highest power first; real roots by Sturm's theorem."""
 
+import itertools
 import math
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
@@ -84,7 +85,7 @@ def sign_at_infinity(f: Polynomial, side: int) -> int:
 
 def variations(signs: Sequence[int]) -> int:
     kept = [s for s in signs if s]
-    return sum(a != b for a, b in zip(kept, kept[1:], strict=False))
+    return sum(a != b for a, b in itertools.pairwise(kept))
 
 
 def cauchy_index(chain: Sequence[Polynomial]) -> int:

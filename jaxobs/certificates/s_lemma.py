@@ -15,8 +15,8 @@ class SLemma(AbstractCertificate):
 
         X > 0   and   [-K'X - X K - 2 rate X - tau N'N,  -X M;  -M'X,  tau I] > 0
 
-    imply |e(t)| <= sqrt(cond X) e^{-rate t} |e(0)|. It is necessary too: no other quadratic form does it where none of these does.
-    Behind q integrators A and C are the augmented ones, M has q zero rows above, N q zero columns to the left.
+    imply |e(t)| <= sqrt(cond X) e^{-rate t} |e(0)|. It is necessary too: no other quadratic form does it where none of these
+    does. Behind q integrators A and C are the augmented ones, M has q zero rows above, N q zero columns to the left.
 
     n states, q integrators, gain L (n + q,), left M (n, r), right N (s, n), x (n + q, n + q), tau > 0, rate [1/s] >= 0.
     origin: where the slopes come from, a sentence.
@@ -38,8 +38,9 @@ class SLemma(AbstractCertificate):
     def claim(self) -> str:
         kind = "" if self.q == 0 else f" behind {self.q} integrators"
         return (
-            f"the error of the chain observer with n = {self.n} and the gain L = {self.gain!r}{kind} decays exponentially, at least "
-            f"like exp(-{self.rate!r} t), for every phi with B dphi/dx = M F N, |F| <= 1, M = {self.left!r}, N = {self.right!r}"
+            f"the error of the chain observer with n = {self.n} and the gain L = {self.gain!r}{kind} decays "
+            f"exponentially, at least like exp(-{self.rate!r} t), for every phi "
+            f"with B dphi/dx = M F N, |F| <= 1, M = {self.left!r}, N = {self.right!r}"
         )
 
     @property

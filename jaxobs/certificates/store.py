@@ -23,8 +23,8 @@ from jaxobs.certificates.triangular_gain import TriangularGain
 
 THEOREMS: dict[str, type[AbstractCertificate]] = {
     kind.theorem: kind for kind in (
-        Condition5, Corners, EulerModel, FrozenInstability, HighGainLmi, LinearError, NoCommonQuadratic, NoHighGainLmi, SLemma, StandardHighGain, StepCorners,
-        SwitchingInstability, TriangularGain,
+        Condition5, Corners, EulerModel, FrozenInstability, HighGainLmi, LinearError, NoCommonQuadratic, NoHighGainLmi, SLemma,
+        StandardHighGain, StepCorners, SwitchingInstability, TriangularGain,
     )
 }
 

@@ -5,17 +5,17 @@ import math
 from fractions import Fraction
 from typing import ClassVar
 
-from jaxobs.certificates import _box, balls
+from jaxobs.certificates import _box, balls, exact
 from jaxobs.certificates.base import AbstractCertificate, FloatMatrix, Verdict
 
 LONGEST = 256  # segments, and repetitions: a hostile file could otherwise keep the check busy
-LARGEST_EXPONENT = 2**12  # of e^{|F| t}
+LARGEST_EXPONENT = 2.0**30  # of e^{|F| t}
 
 
 @dataclasses.dataclass(frozen=True)
 class SwitchingInstability(AbstractCertificate):
-    """For e' = F(rho) e with F(rho) = a + sum_k rho_k b_k c_k' - L output, and M = e^{F_N t_N} ... e^{F_1 t_1} over one period of
-    the stored switching (step = 1: e+ = F(rho) e and M = F_N ... F_1),
+    """For e' = F(rho) e with F(rho) = a + sum_k rho_k b_k c_k' - L output, and M = e^{F_N t_N} ... e^{F_1 t_1} over one period
+    of the stored switching (step = 1: e+ = F(rho) e and M = F_N ... F_1),
 
         |tr M^repeats| > n
 
@@ -43,8 +43,8 @@ class SwitchingInstability(AbstractCertificate):
     @property
     def claim(self) -> str:
         return (
-            f"with the gain L = {self.gain!r} the error grows exponentially when the parameters take the values {self.points!r} "
-            f"for the times {self.durations!r}, again and again"
+            f"with the gain L = {self.gain!r} the error grows exponentially when the parameters take the values "
+            f"{self.points!r} for the times {self.durations!r}, again and again"
         )
 
     @property
@@ -55,10 +55,12 @@ class SwitchingInstability(AbstractCertificate):
         problem = self._malformed()
         if problem:
             return Verdict(False, {}, f"not shown: {problem}")
-        period = balls.chain(
-            [self._factor(rho, Fraction(time)) for rho, time in zip(self.points, self.durations, strict=True)]
-        )
-        raised = balls.power(period, self.repeats)
+        matrices = balls.balanced([_box.closed(self, rho) for rho in self.points])
+        try:
+            factors = [self._factor(f, Fraction(time)) for f, time in zip(matrices, self.durations, strict=True)]
+            raised = balls.power(balls.chain(factors), self.repeats)
+        except OverflowError as error:
+            return Verdict(False, {}, f"not shown: {error}")
         n = len(self.a)
         trace = abs(sum(raised.middle[i][i] for i in range(n))) - n * raised.radius
         if not balls.trace_exceeds(raised, n):
@@ -67,8 +69,7 @@ class SwitchingInstability(AbstractCertificate):
         why = f"|tr M^{self.repeats}| > {n} over the stored period, with every rounding bounded"
         return Verdict(True, {"growth_rate": growth}, why)
 
-    def _factor(self, rho: tuple[float, ...], time: Fraction) -> balls.Ball:
-        f = _box.closed(self, rho)
+    def _factor(self, f: exact.Matrix, time: Fraction) -> balls.Ball:
         return balls.power(balls.enclose(f), int(time)) if self.step else balls.exponential(f, time)
 
     def _malformed(self) -> str | None:
@@ -76,7 +77,9 @@ class SwitchingInstability(AbstractCertificate):
         if problem:
             return problem
         if not (1 <= len(self.points) == len(self.durations) <= LONGEST and 1 <= self.repeats <= LONGEST):
-            return f"{len(self.points)} points, {len(self.durations)} durations, {self.repeats} repeats: expected 1 to {LONGEST}"
+            return (
+                f"{len(self.points)} points, {len(self.durations)} durations, {self.repeats} repeats: expected 1 to {LONGEST}"
+            )
         if not all(math.isfinite(t) and t > 0 for t in self.durations):
             return "a duration is not a positive number"
         if self.step and not all(t == int(t) <= LONGEST for t in self.durations):
@@ -84,5 +87,5 @@ class SwitchingInstability(AbstractCertificate):
         for rho, time in zip(self.points, self.durations, strict=True):
             size = max(sum(abs(entry) for entry in row) for row in _box.closed(self, rho)) * Fraction(time)
             if not self.step and size > LARGEST_EXPONENT:
-                return f"|F| t = {float(size):.3g} is more than {LARGEST_EXPONENT}: give shorter segments"
+                return f"|F| t = {float(size):.3g} is more than {LARGEST_EXPONENT:.3g}: give shorter segments"
         return None

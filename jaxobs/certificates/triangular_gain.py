@@ -17,7 +17,7 @@ LARGEST = 12  # states: 2^11 corners
 class TriangularGain(AbstractCertificate):
     """The error e of z' = F(u, z) + L (y - z_1), in the coordinates eps_i = e_i / theta^i, obeys
 
-        eps' = (M(a) + N) eps,   M(a) = theta A(a) - (L_i theta^{1-i})_i C,   |N_ij| <= beta_ij = slopes_ij theta^{j-i} (j <= i),
+        eps' = (M(a) + N) eps,  M(a) = theta A(a) - (L_i theta^{1-i})_i C,   |N_ij| <= beta_ij = slopes_ij theta^{j-i}, j <= i,
 
     a_i = dF_i/dz_{i+1} in [lower_i, upper_i]. With P > 0, p_i its i-th column, weights w_ij > 0, and at every corner of the box
 

@@ -3,6 +3,8 @@
 from jaxobs.designs._chain_gain import LargeGain as LargeGain
 from jaxobs.designs.audit import Audit as Audit
 from jaxobs.designs.audit import audit as audit
+from jaxobs.designs.chain_lmi import SmallestTheta as SmallestTheta
+from jaxobs.designs.chain_lmi import smallest_theta as smallest_theta
 from jaxobs.designs.detectability import Undetectable as Undetectable
 from jaxobs.designs.detectability import undetectable as undetectable
 from jaxobs.designs.elimination import Elimination as Elimination
@@ -14,7 +16,16 @@ from jaxobs.designs.euler_model import euler_riccati as euler_riccati
 from jaxobs.designs.euler_model import euler_riccati_period as euler_riccati_period
 from jaxobs.designs.euler_model import euler_tied as euler_tied
 from jaxobs.designs.euler_model import euler_tied_period as euler_tied_period
+from jaxobs.designs.gridding import Visit as Visit
+from jaxobs.designs.gridding import gridding as gridding
+from jaxobs.designs.high_gain_lmi import high_gain_lmi as high_gain_lmi
+from jaxobs.designs.high_gain_lmi import standard_high_gain as standard_high_gain
 from jaxobs.designs.infeasible import Infeasible as Infeasible
+from jaxobs.designs.ladder import Rung as Rung
+from jaxobs.designs.ladder import corners_gamma as corners_gamma
+from jaxobs.designs.ladder import ladder as ladder
+from jaxobs.designs.lemma1 import Lemma1 as Lemma1
+from jaxobs.designs.lemma1 import lemma1 as lemma1
 from jaxobs.designs.lpv_lmi import lpv_lmi as lpv_lmi
 from jaxobs.designs.lpv_lmi import lpv_rate as lpv_rate
 from jaxobs.designs.lpv_model import Channels as Channels
@@ -22,9 +33,6 @@ from jaxobs.designs.lpv_model import lpv_model as lpv_model
 from jaxobs.designs.lpv_model import midpoint_channels as midpoint_channels
 from jaxobs.designs.lpv_model import simulated_entries as simulated_entries
 from jaxobs.designs.lpv_model import slope_entries as slope_entries
-from jaxobs.designs.ladder import Rung as Rung
-from jaxobs.designs.ladder import corners_gamma as corners_gamma
-from jaxobs.designs.ladder import ladder as ladder
 from jaxobs.designs.norm_bounded import NormBounded as NormBounded
 from jaxobs.designs.riccati import riccati as riccati
 from jaxobs.designs.riccati import riccati_gamma as riccati_gamma
@@ -32,6 +40,8 @@ from jaxobs.designs.s_lemma import s_lemma as s_lemma
 from jaxobs.designs.s_lemma import s_lemma_gamma as s_lemma_gamma
 from jaxobs.designs.s_lemma import s_lemma_riccati as s_lemma_riccati
 from jaxobs.designs.s_lemma import s_lemma_riccati_gamma as s_lemma_riccati_gamma
+from jaxobs.designs.slopes import auxiliary as auxiliary
+from jaxobs.designs.slopes import slopes as slopes
 from jaxobs.designs.tracker import TrackerGains as TrackerGains
 from jaxobs.designs.tracker import best_rate as best_rate
 from jaxobs.designs.tracker import equal_bandwidth as equal_bandwidth
@@ -39,6 +49,4 @@ from jaxobs.designs.tracker import equal_bias as equal_bias
 from jaxobs.designs.tracker import tracker_gains as tracker_gains
 from jaxobs.designs.tracker_bounds import peak as peak
 from jaxobs.designs.tracker_bounds import theorem1 as theorem1
-from jaxobs.designs.lemma1 import Lemma1 as Lemma1
-from jaxobs.designs.lemma1 import lemma1 as lemma1
 from jaxobs.designs.triangular import triangular as triangular

@@ -17,12 +17,15 @@ class LargeGain(UserWarning):
     """A gain above 1e6: exact in theory, but measurement noise is multiplied by it, and explicit steps have to be tiny."""
 
 
-def warn_large_gain(owner: str, gain: np.ndarray) -> None:
-    """Says so when an entry of the gain exceeds 1e6."""
+LESS = "lower gamma, or ask a less demanding certificate (jaxobs.designs.ladder)"
+
+
+def warn_large_gain(owner: str, gain: np.ndarray, fix: str = LESS) -> None:
+    """Says so when an entry of the gain exceeds 1e6; fix: what makes it smaller."""
     largest = float(np.max(np.abs(gain)))
     if largest > LARGEST_GAIN:
-        fix = "Noise is multiplied by it; lower gamma, or ask a less demanding certificate (jaxobs.designs.ladder)."
-        warnings.warn(f"{owner}: a gain of {largest:.3g}, above the limit of {LARGEST_GAIN:.0e}. {fix}", LargeGain, stacklevel=3)
+        given = f"{owner}: a gain of {largest:.3g}, above the limit of {LARGEST_GAIN:.0e}"
+        warnings.warn(f"{given}. Noise is multiplied by it; {fix}.", LargeGain, stacklevel=3)
 
 
 def require_alphas(owner: str, alphas: Numbers, count: int) -> np.ndarray:
@@ -46,7 +49,8 @@ def metric(owner: str, alphas: np.ndarray) -> np.ndarray:
     given = [Fraction(float(a)) for a in alphas]
     for i, weight in enumerate(exact.chain_weights(given), start=1):
         if weight <= 0:
-            reason = f"{owner}.alphas: given {[float(a) for a in alphas]} with q_{i} = {float(weight):.6g}; expected all q_i > 0, (10)"
+            listed = [float(a) for a in alphas]
+            reason = f"{owner}.alphas: given {listed} with q_{i} = {float(weight):.6g}; expected all q_i > 0, (10)"
             change = "Take alphas from jaxobs.hurwitz.alphas_from_log_q: all of them satisfy (10)."
             raise Infeasible(reason, float(weight), change)
     return np.asarray(exact.chain_riccati(given), float)

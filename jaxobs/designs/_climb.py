@@ -10,6 +10,7 @@ from jaxobs.designs._frame import STRICT, Frame, quietest
 
 SOLVES = 60  # linear matrix inequalities on the way to the required rate
 FASTEST = 1e8  # kappa beyond which a rate counts as infinite, in units of the model's own speed
+DOUBLINGS = 10  # of a rate that the high-gain metric covers each time, before every rate counts as covered
 LAST_STRIDE = 0.05  # kappa from which the descent goes to its target at once
 
 
@@ -38,8 +39,8 @@ def climb(place: Frame, target: float, gain: np.ndarray | None, *, rtol: float =
 def _descent(place: Frame, target: float) -> Climb | None:
     """From the metric s P + A'P + P A = C'C with P L = C' (Gauthier, Hammouri and Othman, 1992) at a rate that covers the box,
     in strides of four, each to the quietest gain in the coordinates of the last P. None if there is no such rate."""
-    n, rate = place.model.n, 4.0
-    middle, refinements = (place.model.lower + place.model.upper) / 2, 0
+    n, rate = place.model.n, 4 * max(1.0, target if np.isfinite(target) else 0.0)
+    middle, refinements, covered = (place.model.lower + place.model.upper) / 2, 0, 0
     while rate <= FASTEST and refinements < 5:
         shifted = place.model.at(middle) + rate / 2 * np.eye(n)
         p = scipy.linalg.solve_continuous_lyapunov(shifted.T, place.model.output.T @ place.model.output)
@@ -53,13 +54,17 @@ def _descent(place: Frame, target: float) -> Climb | None:
         refinements = 0
         inequalities = place.inequalities(rate / 4, None)
         if min(np.linalg.eigvalsh(f)[0] for f in inequalities(np.eye(n), place.model.output)[1:]) > 0:
-            break
+            covered += 1
+            if np.isfinite(target) or covered == DOUBLINGS:
+                break
+        elif covered:
+            return None  # faster is not better: no chain of this kind
         rate *= 2
     else:
         return None
     if not np.isfinite(target):
         return Climb(place, _unit(place), np.inf, 1)
-    kappa, best, solves = max(rate / 4, target), (place, _unit(place)), 0
+    kappa, best, solves = rate / 4, (place, _unit(place)), 0
     while kappa > target:
         solves += 1
         kappa = target if kappa <= max(4 * target, LAST_STRIDE) else kappa / 4

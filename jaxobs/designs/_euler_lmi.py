@@ -26,7 +26,7 @@ class Coordinates:
 
     @staticmethod
     def make(slope: NormBounded, q: int, unit: float, metric: np.ndarray | None = None) -> "Coordinates":
-        """t = diag(unit^{1-i}), in which a chain is well scaled; with the metric X of those coordinates, X becomes I in new ones."""
+        """t = diag(unit^{1-i}), in which a chain is well scaled; given a metric X of those, others in which it is I."""
         size = slope.n + q
         t = np.diag(float(unit) ** -np.arange(size, dtype=float))
         if metric is not None:
@@ -34,7 +34,7 @@ class Coordinates:
         inverse = np.linalg.inv(t)
         m, n = slope.behind(q)
         m, n = unit * inverse @ m, n @ t
-        ratio = np.linalg.norm(n, 2) / np.linalg.norm(m, 2)
+        ratio = float(np.linalg.norm(n, 2) / np.linalg.norm(m, 2))
         a = unit * inverse @ np.eye(size, k=1) @ t
         return Coordinates(t, unit, a, t[:1], m * np.sqrt(ratio), n / np.sqrt(ratio), ratio)
 
@@ -67,7 +67,7 @@ class Coordinates:
 
 @dataclasses.dataclass(frozen=True)
 class Attempt:
-    """A solution of (62), or the closest to one: gain L (N,), X and epsilon in the coordinates of e; margin and bound of the program."""
+    """A solution of (62), or the closest to one: L (N,), X and epsilon for e itself; margin and bound of the program."""
 
     gain: np.ndarray
     x: np.ndarray

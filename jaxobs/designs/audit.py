@@ -36,7 +36,7 @@ class Audit:
     frozen: exact eigenvalue counts at the corners, the centre, rho = 0 if it is in the box, and the worst constant rho found.
     certificate: one P for all corners, verified; None if none was found, for the `reason` given.
     obstruction: for n = 2 the exact proof that there is no such P (it does not mean that errors grow).
-    switching: the worst periodic switching between corners that was found, a lower bound on what can happen; None if not searched.
+    switching: the worst periodic switching between corners that was found, a lower bound on the worst; None if not searched.
     counterexample: an exact proof that errors grow at a constant rho or under a switching.
     """
 
@@ -51,8 +51,9 @@ class Audit:
 
     @property
     def verdict(self) -> str:
-        """ "certified" (proved for every rho(t) in the box), "unstable at ... (exact)", "marginal at ... (exact)" (an eigenvalue on
-        the border: no decay), "unstable under switching (proved)", or "not certified" (neither proved nor disproved)."""
+        """One of: certified (proved for every rho(t) in the box); unstable at ... (exact); marginal at ... (exact), with an
+        eigenvalue on the border, so no decay; unstable under switching (proved); not certified (neither proved nor disproved).
+        """
         if self.certificate is not None:
             return "certified"
         if isinstance(self.counterexample, FrozenInstability):
@@ -80,9 +81,9 @@ class Audit:
 def audit(model: Polytope, gain: Any, *, rate: float | None = None, step: bool = False, search: bool = True) -> Audit:
     """What is true of e' = (a + sum_k rho_k b_k c_k' - L output) e, or e+ = ... with `step`, for the given gain L (n, p).
 
-    In this order: exact eigenvalue counts at constant parameters (Routh); if they are stable, one quadratic Lyapunov function for
-    all corners at the decay `rate` (as in corner_lmi.prove); for n = 2, where the solver finds none, the exact decision whether
-    there is one; and with `search`, the worst periodic switching, proved by rigorous arithmetic where errors grow under it.
+    In this order: exact eigenvalue counts at constant parameters (Routh); if they are stable, one quadratic Lyapunov function
+    for all corners at the decay `rate` (as in corner_lmi.prove); for n = 2, where the solver finds none, the exact decision
+    whether there is one; with `search`, the worst periodic switching, and a rigorous proof where errors grow under it.
     ValueError for a gain of the wrong shape or with numbers that are not finite.
     """
     gain = np.asarray(gain, float)
@@ -119,13 +120,13 @@ def _frozen(box: dict[str, Any], label: str, rho: np.ndarray, step: bool) -> Fro
     return FrozenPoint(label, point.rho, point.count(), float(growth))
 
 
-def _growth(f: np.ndarray, step: bool) -> np.ndarray:
+def _growth(f: np.ndarray, step: bool) -> Any:
     values = np.linalg.eigvals(f)
     return np.max(np.abs(values) if step else values.real, axis=-1)
 
 
 def _points(model: Polytope, gain: np.ndarray, step: bool) -> list[tuple[str, np.ndarray]]:
-    """The constant parameters that are looked at; the inner ones because a box with stable corners may have an unstable inside."""
+    """The constant parameters that are looked at; inner ones because a box with stable corners may have an unstable inside."""
     points = [(f"corner {k}", rho) for k, rho in enumerate(model.parameters())]
     if model.r == 0:
         return points

@@ -11,16 +11,16 @@ from the values of P, and an upper bound on lam from the multipliers, recomputed
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import scipy.optimize
 
 from jaxobs._module import refuse, require_integer, require_nonnegative
-from jaxobs.certificates import HighGainLmi, NoHighGainLmi
 from jaxobs.designs import sdp
 
+LARGEST = 10  # states
+ZERO = 1e-9  # a lam* that is told from 0
 FARTHEST = 1e9  # no theta beyond it is searched
 FLOOR = 6.0  # of log(lam* / needed), where lam* is zero or lost in rounding
 TOLERANCE = 1e-6  # of theta, relative
@@ -30,6 +30,9 @@ INSIDE = 1e-10  # how far inside the cone P is kept, with P <= I
 def slope_bounds(owner: str, bounds: Any, n: int, *, around_zero: bool = True) -> np.ndarray:
     """The bounds of the n slopes as an array (n, 2); ValueError for what are none."""
     found = np.asarray(bounds, float)
+    if not 2 <= n <= LARGEST:
+        fix = "With one state, the measured one, a larger K always does; beyond ten the 2^n corners are too many for exact proofs."
+        raise refuse(owner, "bounds", f"n = {n} states", f"2 to {LARGEST}", fix)
     if found.shape != (n, 2):
         fix = f"Give n = {n} rows (lowest, highest), one for each df/dx_i."
         if found.shape == (2, n):
@@ -134,12 +137,12 @@ def largest_lambda(rows: np.ndarray, gain: np.ndarray | None = None) -> Reach:
     multipliers = np.zeros((len(rows), n, n))
     multipliers[:, first:, first:] = np.stack(found.duals[2:])
     mass = float(np.einsum("cii->", multipliers))
-    bound = float(np.trace(_needed(f, multipliers))) / mass if mass > 0 else np.inf
+    bound = float(np.trace(dominating(f, multipliers))) / mass if mass > 0 else np.inf
     return Reach(attained, bound, p, multipliers)
 
 
-def _needed(f: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-    """W of `Reach`."""
+def dominating(f: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+    """W of `Reach`: the positive part of -sum_c (F_c X_c + X_c F_c')."""
     total = np.einsum("cij,cjk->ik", f, multipliers)
     values, vectors = np.linalg.eigh(-(total + total.T))
     return (vectors * np.maximum(values, 0)) @ vectors.T
@@ -147,8 +150,9 @@ def _needed(f: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True)
 class SmallestTheta:
-    """theta: the smallest one that is attained, to 1e-6 or so; refuted: for no theta up to this one (31)-(32) have a solution,
-    by the bound of `Reach` (0.0 where theta = 1 will do; theta = refuted = infinity where no theta does). reach: at theta."""
+    """theta: the smallest one that is attained, to 1e-6 or so, infinity if none was found up to 1e9. refuted: up to this theta
+    (31)-(32) have no solution, by the bound of `Reach`; 0.0 where nothing is refuted (theta = 1 will do, say), infinity
+    where A - K C is not Hurwitz. reach: at theta."""
 
     theta: float
     refuted: float
@@ -162,15 +166,14 @@ def smallest_theta(
     gain: Any = None,
     constant: float | None = None,
     rate: float = 0.0,
-    only: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> SmallestTheta:
     """The smallest theta = sigma >= 1 for (31)-(32), by bisection of  theta^{1+j0} lam*(theta) = 2 (k_j0 + rate theta^{j0}).
 
     bounds (n, 2): of the slopes. gain K (n,): that one; none: the infimum over all K, not attained (K -> infinity). constant:
-    a k_j0, else the sharp k_j0(theta). rate [1/s]: V = ehat'P ehat is to decay like exp(-2 rate t). only: keeps some of the
-    corners (what is found then proves nothing about the others). For j0 = n and no rate theta = 1 will do for the best K.
+    a k_j0, else the sharp k_j0(theta). rate [1/s]: V = ehat'P ehat is to decay like exp(-2 rate t). For j0 = n without a rate,
+    theta = 1 will do for the best K, and nothing is ever `refuted`.
     """
-    n = len(np.asarray(bounds))
+    n = np.shape(bounds)[0] if np.ndim(bounds) == 2 else 2
     pairs = slope_bounds("smallest_theta", bounds, n)
     require_index("smallest_theta", j0, n)
     require_nonnegative("smallest_theta", "rate", rate, "It is a decay rate in 1/s.")
@@ -181,13 +184,13 @@ def smallest_theta(
 
     def at(theta: float) -> tuple[Reach, float]:
         if theta not in reached:
-            rows = corners(pairs, j0, theta)
-            reached[theta] = largest_lambda(rows if only is None else only(rows), k)
+            reached[theta] = largest_lambda(corners(pairs, j0, theta), k)
         own = gain_constant(pairs, j0, theta) if constant is None else constant
-        return reached[theta], 2 * (own + rate * theta**j0) / theta ** (1 + j0)
+        needed = 2 * (own + rate * theta**j0) / theta ** (1 + j0)
+        return reached[theta], needed if needed > 0 or k is None else ZERO  # at j0 = n a given K still needs lam* > 0
 
     def excess(log_theta: float) -> float:
-        """log(lam* / needed): increases by 1 + j0 or more for each unit of log theta; bounded for brentq."""
+        """log(lam* / needed): increases by 1 + j0 or more for each unit of log theta (by 1 with a rate); bounded for brentq."""
         reach, needed = at(math.exp(log_theta))
         return math.log(max(reach.attained, needed * math.exp(-FLOOR)) / needed) if needed > 0 else 1.0
 
@@ -196,12 +199,12 @@ def smallest_theta(
     low, high = 0.0, -first / (1 + j0)  # the edge lies below, where lam*(1) > 0
     while excess(high) < 0:
         if high >= math.log(FARTHEST):
-            return SmallestTheta(np.inf, 1.0, None)
+            return SmallestTheta(np.inf, 0.0, None)
         low, high = high, min(high + max(1.0, -excess(high) / (1 + j0)), math.log(FARTHEST))
     root = float(scipy.optimize.brentq(excess, low, high, xtol=TOLERANCE / 4, rtol=1e-12))  # pyright: ignore
-    above = next(t for t in _ladder(root, +1) if at(t)[0].attained > at(t)[1])
-    below = next((t for t in _ladder(root, -1) if at(t)[0].bound < at(t)[1]), 1.0)
-    return SmallestTheta(above, below, at(above)[0])
+    above = next((t for t in _ladder(root, +1) if at(t)[0].attained > at(t)[1]), np.inf)
+    below = next((t for t in _ladder(root, -1) if at(t)[0].bound < at(t)[1] != ZERO), 0.0)
+    return SmallestTheta(above, below, at(above)[0] if np.isfinite(above) else None)
 
 
 def _ladder(log_theta: float, sign: int):
@@ -223,77 +226,3 @@ def scaled_gain(owner: str, gain: Any, n: int, field: str = "gain") -> np.ndarra
     if not np.all(np.isfinite(found)):
         raise refuse(owner, field, found.tolist(), "finite numbers", "Remove the NaN or infinity at its origin.")
     return found.reshape(n)
-
-
-def certify(
-    bounds: Any, j0: int, theta: float, gain: Any, *, sigma: float | None = None, constant: float | None = None
-) -> HighGainLmi | None:
-    """The exact certificate of (31)-(32) for the gain L (n,) that is carried out, at theta >= sigma; None if none is found."""
-    pairs = np.asarray(bounds, float)
-    sigma = theta if sigma is None else sigma
-    powers = float(theta) ** np.arange(1, len(pairs) + 1)
-    reach = largest_lambda(corners(pairs, j0, sigma), np.asarray(gain, float) / powers)
-    if not reach.attained > 0:
-        return None
-    own = gain_constant(pairs, j0, theta) if constant is None else float(constant)
-    for slack in (1e-10, 1e-8, 1e-6, 1e-4):  # witnesses a little inside the float ones
-        certificate = HighGainLmi(
-            gain=tuple(float(x) for x in np.ravel(gain)),
-            theta=float(theta),
-            sigma=float(sigma),
-            j0=j0,
-            lower=tuple(map(float, pairs[:, 0])),
-            upper=tuple(map(float, pairs[:, 1])),
-            constant=own,
-            p=tuple(tuple(map(float, row)) for row in reach.p),
-            lam=reach.attained * (1 - slack),
-            nu=1.0 + slack,
-        )
-        if certificate.verify():
-            return certificate
-    return None
-
-
-def refute(bounds: Any, j0: int, theta: float, *, gain: Any = None, constant: float | None = None) -> NoHighGainLmi | None:
-    """The exact proof that (31)-(32) have no solution at theta or less, for a gain K (n,) or for any; None if none is found."""
-    pairs = np.asarray(bounds, float)
-    n = len(pairs)
-    k = None if gain is None else scaled_gain("refute", gain, n)
-    rows = corners(pairs, j0, theta)
-    own = gain_constant(pairs, j0, theta) if constant is None else float(constant)
-    multipliers = largest_lambda(rows, k).multipliers if own > 0 else _of_the_homogeneous(rows, k)
-    first = 1 if k is None else 0
-    mass = float(np.einsum("cii->", multipliers))
-    f = error_matrices(rows, k)
-    for slack in (1e-12, 1e-10, 1e-8, 1e-6, 1e-4):  # strictly inside the cones, for the exact check
-        x = multipliers / (mass if mass > 0 else 1.0)
-        x[:, first:, first:] += slack / len(rows) * np.eye(n - first)
-        w = _needed(f, x) + 10 * slack * (np.linalg.norm(f, axis=(1, 2)).max() + 1) * np.eye(n) if own > 0 else np.zeros((n, n))
-        certificate = NoHighGainLmi(
-            gain=() if k is None else tuple(map(float, k)),
-            theta=float(theta),
-            j0=j0,
-            lower=tuple(map(float, pairs[:, 0])),
-            upper=tuple(map(float, pairs[:, 1])),
-            constant=own,
-            multipliers=tuple(tuple(map(float, row)) for one in (x + x.transpose(0, 2, 1)) / 2 for row in one),
-            w=tuple(tuple(map(float, row)) for row in (w + w.T) / 2),
-        )
-        if certificate.verify():
-            return certificate
-    return None
-
-
-def _of_the_homogeneous(rows: np.ndarray, gain: np.ndarray | None) -> np.ndarray:
-    """Multipliers for (31) alone, where no constant limits P: from the largest common margin of P > 0, (31) and P < I."""
-    f = error_matrices(rows, gain)
-    n = rows.shape[1]
-    first = 1 if gain is None else 0
-    found = sdp.feasible(
-        {"p": sdp.symmetric(n, reach=1.0)},
-        lambda p: [p, np.eye(n) - p, *(-(p @ one + one.T @ p)[first:, first:] for one in f)],
-    )
-    multipliers = np.zeros((len(rows), n, n))
-    if found.duals:
-        multipliers[:, first:, first:] = np.stack(found.duals[2:])
-    return multipliers

@@ -11,7 +11,7 @@ from jaxobs.certificates import exact, routh
 from jaxobs.designs import corner_lmi
 from jaxobs.designs.polytope import Polytope
 
-STARTS = 16  # of the search beyond the corners
+STARTS = 12  # of the search beyond the corners
 STEPS = 60  # of each
 PRECISE = {"xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15}
 DENOMINATORS = (1, 10, 100, 1000, 10**6)

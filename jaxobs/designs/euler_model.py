@@ -1,13 +1,14 @@
-"""Observers of the Euler model and their largest sampling periods: (62), (63) and (65) of paper 000, with any number of integrators.
+"""Observers of the Euler model and their largest sampling periods: (62), (63) and (65) of paper 000, with any number of
+integrators.
 
 x+ = x + dt (A x + B phi(x, u)), y = x_1, B dphi/dx = M F N with |F| <= 1, and xhat+ = the same + L (y - xhat_1): the observers
-(51), (53), (64) differ only in how L is found, so all of them are StepLuenberger on Discretised(plant, Euler(), dt), or behind q
-integrators StepIntegral. With K = I + dt A - L C, the error tends to zero if for some X > 0, epsilon > 0
+(51), (53), (64) differ only in how L is found, so all of them are StepLuenberger on Discretised(plant, Euler(), dt), or
+behind q integrators StepIntegral. With K = I + dt A - L C, the error tends to zero if for some X > 0, epsilon > 0
 
     [X - epsilon N'N,  -K'X,  0;  -X K,  X,  -dt X M;  0,  -dt M'X,  epsilon I] > 0.                                       (62)
 
-Everything is solved in the coordinates e_i = unit^{1-i} zeta_i, where a chain of any length is well scaled, and what is found is
-decided exactly for the floats that the observer carries. All of it concerns the Euler model, not the plant it replaces.
+Everything is solved in the coordinates e_i = unit^{1-i} zeta_i, where a chain of any length is well scaled, and what is found
+is decided exactly for the floats that the observer carries. All of it concerns the Euler model, not the plant it replaces.
 """
 
 import dataclasses
@@ -34,8 +35,9 @@ ROUNDING = 10.0 ** np.arange(-11, -3)  # by which a solver's optimum may miss th
 
 @dataclasses.dataclass(frozen=True)
 class Period:
-    """dt [s]: the longest period found feasible. refuted [s]: no longer one is, by the duals of the program, in floats (infinite
-    where they do not say). x (N, N), epsilon: the solution of (62) at dt; for (65), X = P^-1 / dt and epsilon = tau.
+    """dt [s]: the longest period found feasible. refuted [s]: no longer one is, by the duals of the program, in floats
+    (infinite where they do not say). x (N, N), epsilon: the solution of (62) at dt; for (65), X = P^-1 / dt and epsilon =
+    tau.
     """
 
     dt: float
@@ -74,9 +76,9 @@ def euler_tied(
 ) -> tuple[StepObserver, EulerModel]:
     """(62) as printed: L = X^-1 C', for the X of the largest margin.
 
-    dt [s]. unit [s]: the errors of unit^{i-1} x_i are weighed alike; dt if not given, for gains that settle within a few samples;
-    longer units are slower and quieter. factor in ]0, 1]: also |e_k| <= c factor^k, with factor^2 X in the first block.
-    Infeasible, with the largest period in `best`.
+    dt [s]. unit [s]: the errors of unit^{i-1} x_i are weighed alike; dt if not given, for gains that settle within a few
+    samples; longer units are slower and quieter. factor in ]0, 1]: also |e_k| <= c factor^k, with factor^2 X in the first
+    block. Infeasible, with the largest period in `best`.
     """
     return _designed("euler_tied", plant, dt, slope, q, unit, factor)
 
@@ -92,7 +94,8 @@ def euler_free(
 
 
 def euler_riccati_period(*, alphas: Numbers, gamma: float, slope: NormBounded, q: int = 0) -> Period:
-    """(65): the largest dt = 1/alpha for which (63) holds, by one program, linear in alpha and tau together; with X = P(gamma)^-1
+    """(65): the largest dt = 1/alpha for which (63) holds, by one program, linear in alpha and tau together; with X =
+    P(gamma)^-1
 
         min alpha:   [alpha X - tau N'N,  -(alpha X + X A - C'C)',  0;  *,  alpha X,  -X M;  0,  *,  tau I] > 0.
 
@@ -120,39 +123,46 @@ def euler_riccati_period(*, alphas: Numbers, gamma: float, slope: NormBounded, q
 
 
 def euler_tied_period(*, slope: NormBounded, q: int = 0) -> Period:
-    """The largest dt for which (62) has a solution with L = X^-1 C'. A solution X at dt0 gives (dt0 / dt) X at every smaller dt."""
+    """The largest dt for which (62) has a solution with L = X^-1 C'. With X at dt0, (dt0 / dt) X is one at a smaller dt."""
     return _largest("euler_tied_period", slope, q)
 
 
 def euler_free_period(*, slope: NormBounded, q: int = 0) -> Period:
-    """The largest dt for which (62) has a solution with some gain."""
+    """The largest dt for which (62) has a solution with some gain.
+
+    Where x_1 alone enters phi and q = 0 it is rho^{-1/n}: at the slopes +-rho the determinants of K differ by 2 rho dt^n,
+    whatever L is, and both have to lie in ]-1, 1[.
+    """
     return _largest("euler_free_period", slope, q)
 
 
 def _largest(name: str, slope: NormBounded, q: int) -> Period:
     """Bisection in log dt: each step has a point of positive margin, or counts as a failure, which its duals may confirm."""
     require_integer(name, "q", q, 0, "It counts the integrators between innovation and injection.")
-    low = high = 1 / np.sqrt(np.linalg.norm(slope.left, 2) * np.linalg.norm(slope.right, 2))
-    refuted, best = np.inf, None
+    tied, refuted = name == "euler_tied_period", np.inf
 
-    def is_feasible(dt: float) -> bool:
-        nonlocal refuted, best
-        one = attempt(name == "euler_tied_period", slope, q, dt, dt, 1.0)
+    def solved(dt: float) -> Period | None:
+        nonlocal refuted
+        one = attempt(tied, slope, q, dt, dt, 1.0)
         if one.bound < 0:
             refuted = min(refuted, dt)
-        if one.margin > 0 and (best is None or dt > best.dt):
-            best = Period(dt, refuted, one.x, one.epsilon)
-        return one.margin > 0
+        return Period(dt, np.inf, one.x, one.epsilon) if one.margin > 0 else None
 
-    while is_feasible(high):
-        low, high = high, 2 * high
-    while best is None:
+    low = 1 / float(np.sqrt(np.linalg.norm(slope.left, 2) * np.linalg.norm(slope.right, 2)))
+    high, best = low, None
+    while (longer := solved(high)) is not None:
+        best, low, high = longer, high, 2 * high
+    shortest = 1e-9 * low
+    while best is None:  # a short enough period has one: M F N fades against the chain
         low, high = low / 2, low
-        if not is_feasible(low) and low < 1e-9 * high:
-            break
+        if low < shortest:
+            reason = f"(62) has no solution that floats can find, down to dt = {low:.6g} s"
+            raise Infeasible(reason, 0.0, "Give time and the states units in which their numbers are about 1.")
+        best = solved(low)
     while high / low > 1 + SPREAD:
         middle = float(np.sqrt(low * high))
-        low, high = (middle, high) if is_feasible(middle) else (low, middle)
+        found = solved(middle)
+        best, low, high = (found, middle, high) if found else (best, low, middle)
     return dataclasses.replace(best, refuted=refuted)
 
 

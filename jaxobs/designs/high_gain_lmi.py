@@ -9,7 +9,6 @@ from jaxobs._module import dtype_of, refuse, require_nonnegative
 from jaxobs.certificates import HighGainLmi, StandardHighGain
 from jaxobs.designs import sdp
 from jaxobs.designs.chain_lmi import (
-    certify,
     corners,
     error_matrices,
     gain_constant,
@@ -19,6 +18,7 @@ from jaxobs.designs.chain_lmi import (
     slope_bounds,
     smallest_theta,
 )
+from jaxobs.designs.chain_proofs import certify
 from jaxobs.designs.infeasible import Infeasible
 from jaxobs.observers import Luenberger
 from jaxobs.plants import AbstractChain
@@ -100,16 +100,9 @@ def standard_high_gain(
     j0 = plant.n - 1 - int(used[-1]) if used.size else plant.n
     wide = np.stack([-np.abs(pairs).max(axis=1), np.abs(pairs).max(axis=1)], axis=1)  # only their size matters
     observer, found = high_gain_lmi(plant, bounds=wide, j0=j0, theta=theta, constant=constant)
-    certificate = StandardHighGain(
-        found.gain,
-        found.theta,
-        j0,
-        *(tuple(map(float, side)) for side in pairs.T),
-        found.constant,
-        found.p,
-        found.lam,
-        found.nu,
-    )
+    lower, upper = (tuple(map(float, side)) for side in pairs.T)
+    shared = {name: getattr(found, name) for name in ("gain", "theta", "j0", "constant", "p", "lam", "nu")}
+    certificate = StandardHighGain(lower=lower, upper=upper, **shared)
     return observer, certificate
 
 
@@ -127,7 +120,9 @@ def _checked(owner: str, plant: Any, bounds: Any, j0: Any, rate: float) -> np.nd
     return pairs
 
 
-def _theta(owner, pairs, j0, theta, k, constant, rate) -> float:
+def _theta(
+    owner: str, pairs: np.ndarray, j0: int, theta: float | None, k: np.ndarray | None, constant: float | None, rate: float
+) -> float:
     if theta is not None:
         if not (np.isfinite(theta) and theta >= 1):
             raise refuse(owner, "theta", theta, "a number >= 1", "k_j0 bounds the slopes only for theta >= 1, (14).")
@@ -137,7 +132,7 @@ def _theta(owner, pairs, j0, theta, k, constant, rate) -> float:
     smallest = smallest_theta(pairs, j0, gain=k, constant=constant, rate=rate)
     if not np.isfinite(smallest.theta):
         raise _infeasible(pairs, j0, 1.0, 1.0, k, constant, rate)
-    return max(1.0, EXCESS * smallest.theta)
+    return EXCESS * smallest.theta
 
 
 def _smallest_gain(pairs, j0, theta, sigma, constant, rate) -> np.ndarray | None:
@@ -179,13 +174,21 @@ def _needed(pairs, j0, theta, constant, rate) -> float:
 
 def _infeasible(pairs, j0, theta, sigma, k, constant, rate) -> Infeasible:
     """What is missing at this theta, and the smallest one that would do."""
-    margin = largest_lambda(corners(pairs, j0, sigma), k).attained - _needed(pairs, j0, theta, constant, rate)
+    reach = largest_lambda(corners(pairs, j0, sigma), k)
+    needed = _needed(pairs, j0, theta, constant, rate)
     whose = "any K" if k is None else f"K = {k.tolist()}"
+    where = f"{whose} with j0 = {j0} at theta = {theta:.6g}, sigma = {sigma:.6g}"
+    refuted = reach.bound < needed
+    reason = f"(31)-(32) have no solution for {where}" if refuted else f"no solution of (31)-(32) was found for {where}"
     edge = smallest_theta(pairs, j0, gain=k, constant=constant, rate=rate)
-    reason = f"(31)-(32) have no solution for {whose} with j0 = {j0} at theta = {theta:.6g}, sigma = {sigma:.6g}"
+    margin = reach.attained - needed
+    if np.isinf(edge.refuted):
+        return Infeasible(reason, margin, "No theta will do, A - K C is not Hurwitz: take another K, or none.")
     if not np.isfinite(edge.theta):
-        return Infeasible(reason, margin, "No theta will do: take another K, or none to have it designed.")
+        return Infeasible(reason, margin, "None was found for larger theta either; tighter bounds or another j0 may help.")
     change = f"They have one from theta = sigma = {edge.theta:.6g} on."
+    if not refuted and theta >= edge.theta and sigma >= edge.theta:
+        change += " Here floats were at their limits: move theta."
     if k is not None:
         change += " Another K may need less: leave gain out."
     return Infeasible(reason, margin, change, best=edge.theta)

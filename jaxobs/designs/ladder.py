@@ -31,8 +31,8 @@ SPREAD = 1e-8  # of the bisection in log gamma
 class Rung:
     """One kind of certificate, what it takes as known, and what it gives for the gains alphas_i gamma^i.
 
-    smallest_gamma [1/s]: the infimum of the certified gamma, 0 where every gamma > 0 is; None where what it needs is not known, or
-    no gamma is certified. gamma: where `certificate` was made; None without one.
+    smallest_gamma [1/s]: the infimum of the certified gamma, 0 where every gamma > 0 is; None where what it needs is not
+    known, or no gamma is certified. gamma: where `certificate` was made; None without one.
     """
 
     name: str
@@ -48,16 +48,17 @@ def ladder(
     alphas: Numbers,
     lipschitz: float,
     states: Sequence[int] | None = None,
-    slopes: Sequence[tuple[float, float]] | None = None,
+    slopes: Numbers | None = None,
     gamma: float | None = None,
     q: int = 0,
 ) -> tuple[Rung, ...]:
     """All rungs, from condition (5) to output injection, for the observer with gains alphas_i gamma^i.
 
-    alphas (n + q,). lipschitz: rho of phi. states: the numbers of the x_j that enter phi, if not all do. slopes: for each state an
-    interval (lower, upper) that holds dphi/dx_j. gamma [1/s]: where the certificates are made; for each rung 1.1 times its
-    smallest one if not given (1 for output injection). A rung that fails there has no certificate: it never means "unstable".
-    ValueError for a phi that is seen to change with a state that is not named, and for slopes that a probe refutes.
+    alphas (n + q,). lipschitz: rho of phi. states: the numbers of the x_j that enter phi, if not all do. slopes: for each
+    state an interval (lower, upper) that holds dphi/dx_j. gamma [1/s]: where the certificates are made; for each rung 1.1
+    times its smallest one if not given (1 for output injection). A rung that fails there has no certificate: it never means
+    "unstable". ValueError for a phi that is seen to change with a state that is not named, and for slopes that a probe
+    refutes.
     """
     require_integer("ladder", "q", q, 0, "It counts the integrators between innovation and injection.")
     require_plant("ladder", plant)
@@ -83,8 +84,9 @@ def ladder(
     return (*rungs, _output_injection(plant, a, states, gamma, q))
 
 
-def corners_gamma(*, alphas: Numbers, slopes: Sequence[tuple[float, float]], q: int = 0) -> float | None:
-    """The infimum of the gamma for which one quadratic form decreases at all corners of the box of slopes; None if none is found.
+def corners_gamma(*, alphas: Numbers, slopes: Numbers, q: int = 0) -> float | None:
+    """The infimum of the gamma for which one quadratic form decreases at all corners of the box of slopes; None if none is
+    found.
 
     Bisection between a gamma that is certified and one that is not; where the box holds 0 nothing is certified below it.
     """
@@ -183,11 +185,13 @@ def _made(name, needs, smallest, gamma, design) -> Rung:
             return Rung(name, needs, smallest, None, None)
 
 
-def _box(plant: AbstractChain, slopes: Sequence[tuple[float, float]]) -> np.ndarray:
+def _box(plant: AbstractChain, slopes: Numbers) -> np.ndarray:
     box = np.asarray(slopes, float)
     if box.shape != (plant.n, 2) or not np.all(np.isfinite(box)) or np.any(box[:, 0] > box[:, 1]):
         fix = "Give (0, 0) for a state that does not enter phi."
-        raise refuse("ladder", "slopes", np.asarray(slopes).tolist(), f"{plant.n} pairs (lower <= upper) of finite numbers", fix)
+        raise refuse(
+            "ladder", "slopes", np.asarray(slopes).tolist(), f"{plant.n} pairs (lower <= upper) of finite numbers", fix
+        )
     j = first_state_outside(plant, [j for j in range(plant.n) if np.any(box[j] != 0)])
     if j is not None:
         fix = f"Bound the slope of phi along x_{j + 1}."

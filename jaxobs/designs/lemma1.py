@@ -31,18 +31,22 @@ class Lemma1:
 def lemma1(lower: Numbers, upper: Numbers, *, rate: float | None = None) -> Lemma1:
     """K and P of lemma 1 for couplings of constant sign, lower_i <= a_i(t) <= upper_i (n - 1,), 0 outside.
 
-    The inequality (6) is affine in a, so the corners are exact. Coordinates d_i e_i with d_{i+1} / d_i of the sign of a_i (and of
-    its mean size) make all couplings positive and about 1. The quietest gain by `corner_lmi`; where that finds none (many
-    states, wide couplings), the gain of the proof, `constructed`, which exists for all couplings but is far larger. rate [1/s]: of the decay, that
-    of the slowest scaled coupling if not given.
+    The inequality (6) is affine in a, so the corners are exact. Coordinates d_i e_i with d_{i+1} / d_i of the sign of a_i
+    (and of its mean size) make all couplings positive and about 1. The quietest gain by `corner_lmi`; where that finds none
+    (many states, wide couplings), the gain of the proof, `constructed`, which exists for all couplings but is far larger.
+    rate [1/s]: of the decay, that of the slowest scaled coupling if not given.
 
     Infeasible, naming the entry, if an interval contains 0: a_i = 0 hides all states behind x_i, so that no K exists.
     """
     low, high = bounds_of(lower, upper)
     for i, (a, b) in enumerate(zip(low, high, strict=True), start=1):
         if a <= 0 <= b:
-            reason = f"0 lies in [{a:g}, {b:g}], the interval of a_{i}: with a_{i} = 0 nothing is seen of x_{i + 1}, so no K exists"
-            change = f"Keep a_{i} away from zero, or take jaxobs.observers.Lyapunov and an input that passes excitation.classify."
+            reason = (
+                f"0 lies in [{a:g}, {b:g}], the interval of a_{i}: with a_{i} = 0 nothing is seen of x_{i + 1}, so no K exists"
+            )
+            change = (
+                f"Keep a_{i} away from zero, or take jaxobs.observers.Lyapunov and an input that passes excitation.classify."
+            )
             raise Infeasible(reason, -min(-a, b), change)
     unit = np.sign(low) * np.sqrt(np.abs(low * high))
     d = np.concatenate([[1.0], np.cumprod(unit)])
@@ -66,8 +70,9 @@ def chain_model(lower: np.ndarray, upper: np.ndarray) -> Polytope:
 def constructed(lower: np.ndarray, upper: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
     """K and P of lemma 1 for positive couplings, without a solver, by induction from the last state to the first (n = len + 1).
 
-    Let G = A - b M C be stable for the states behind e_1, with b = a_1 as the coefficient of its injection, P~ its Lyapunov matrix.
-    Then k = k_1 (1, M) does it for the whole, in the coordinates (e_1, eta = e~ - M e_1), where for a coefficient b of the injection
+    Let G = A - b M C be stable for the states behind e_1, with b = a_1 as the coefficient of its injection, P~ its Lyapunov
+    matrix. Then k = k_1 (1, M) does it for the whole, in the coordinates (e_1, eta = e~ - M e_1), where for a coefficient b
+    of the injection
 
         e_1' = a_1 C eta + (a_1 C M - b k_1) e_1,      eta' = G eta + G M e_1,
 

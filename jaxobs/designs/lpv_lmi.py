@@ -60,7 +60,7 @@ def lpv_lmi(
     observer, carried = _observer(plant, found, inner)
     if not np.array_equal(carried, found):  # rounded to the plant's precision
         certificate = corner_lmi.prove(model, carried, **options)
-    warn_large_gain("lpv_lmi", carried)
+    warn_large_gain("lpv_lmi", carried, "ask for a lower rate, or give a larger noise intensity")
     return observer, certificate
 
 

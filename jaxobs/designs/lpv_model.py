@@ -122,9 +122,9 @@ def lpv_model(plant: Any, channels: Channels, *, inner: bool = False) -> Polytop
     )
     model = _flow_part(plant)
     a, b, c = _matrices(model)
-    _require_structure(model, b, channels)
     if isinstance(model, Saturated):
         _require_saturation(channels)
+    _require_structure(model, b, channels)
     left, right = b @ channels.left, channels.right
     if inner:
         right = right @ (np.eye(model.n) - np.linalg.pinv(c) @ c)

@@ -69,7 +69,9 @@ def require_state_numbers(owner: str, n: int, states: Sequence[int] | None) -> l
     """The named states, counted from 1; all of them for None."""
     chosen = list(range(1, n + 1)) if states is None else sorted(set(states))
     if not chosen or not all(isinstance(j, (int, np.integer)) and 1 <= j <= n for j in chosen):
-        raise refuse(owner, "states", repr(states), f"some of the numbers 1 to {n}", "x_1 = y is the first; None is all of them.")
+        raise refuse(
+            owner, "states", repr(states), f"some of the numbers 1 to {n}", "x_1 = y is the first; None is all of them."
+        )
     return [int(j) for j in chosen]
 
 

@@ -109,7 +109,7 @@ def _solutions(name, a, gamma, slope, q, rate):
 
 
 def _smallest(name: str, a: np.ndarray, slope: NormBounded, q: int, rate: float = 0.0) -> float:
-    """Bisection in log gamma: in the scaled coordinates M F N shrinks as gamma grows, so what is certified once stays certified."""
+    """Bisection in log gamma: in scaled coordinates M F N shrinks as gamma grows, so what is certified once stays so."""
     if name == "s_lemma_riccati":
         metric(name, a)
 
@@ -146,13 +146,13 @@ def _with_metric(a, gamma, slope, q, rate, enough=np.inf) -> tuple[Coordinates, 
     size, r = here.m.shape
     decrease = -(k + k.T) - 2 * rate / gamma * np.eye(size)
     f0 = np.block([[decrease, -here.m], [-here.m.T, np.zeros((r, r))]])
-    f1 = scipy.linalg.block_diag(-here.n.T @ here.n, np.eye(r))
+    f1 = np.block([[-here.n.T @ here.n, np.zeros((size, r))], [np.zeros((r, size)), np.eye(r)]])
     tau, margin = best_multiplier(f0, f1, enough=enough)
     return here, tau, margin
 
 
 def _is_bounded_real(k: np.ndarray, here: Coordinates) -> bool:
-    """Whether K is Hurwitz and the H-infinity norm of N (s - K)^-1 M below 1: no eigenvalue of [[K, MM'], [-N'N, -K']] is imaginary."""
+    """Whether K is Hurwitz and |N (s - K)^-1 M|_inf < 1: no eigenvalue of [[K, MM'], [-N'N, -K']] is imaginary."""
     if np.max(np.linalg.eigvals(k).real) >= 0:
         return False
     hamiltonian = np.block([[k, here.m @ here.m.T], [-here.n.T @ here.n, -k.T]])

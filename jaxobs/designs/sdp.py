@@ -133,6 +133,8 @@ def _coefficients(unknowns: Unknowns, lmis: Callable[..., Matrices]) -> tuple[li
         for name, unknown in unknowns.items()
         for unit in unknown.basis
     ]
+    if not slopes:  # a symmetric (1, 1) matrix of given trace is no unknown
+        return constant, [np.zeros((0, *first.shape)) for first in constant]
     return constant, [np.stack(one) for one in zip(*slopes, strict=True)]
 
 

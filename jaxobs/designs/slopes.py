@@ -1,14 +1,15 @@
 """The slopes of a Lipschitz function between two points, one coordinate at a time; it need not be differentiable."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jaxobs._module import refuse
 
 
-def auxiliary(x: Sequence[Any], z: Sequence[Any], i: int) -> np.ndarray:
+def auxiliary(x: ArrayLike, z: ArrayLike, i: int) -> np.ndarray:
     """X^{Z_i} = (z_1, ..., z_i, x_{i+1}, ..., x_n), i = 0..n: from X^{Z_0} = X to X^{Z_n} = Z (paper 002, (1))."""
     x, z = np.asarray(x), np.asarray(z)
     if x.ndim != 1 or x.shape != z.shape:
@@ -20,7 +21,7 @@ def auxiliary(x: Sequence[Any], z: Sequence[Any], i: int) -> np.ndarray:
     return np.concatenate([z[:i], x[i:]])
 
 
-def slopes(f: Callable[[np.ndarray], Any], x: Sequence[Any], z: Sequence[Any], bounds: Any = None) -> np.ndarray:
+def slopes(f: Callable[[np.ndarray], Any], x: ArrayLike, z: ArrayLike, bounds: Any = None) -> np.ndarray:
     """psi with f(X) - f(Z) = sum_j psi_j (x_j - z_j), exactly (paper 002, lemmas 1 and 2, (2) and (4)):
 
         psi_j = (f(X^{Z_{j-1}}) - f(X^{Z_j})) / (x_j - z_j),   and where x_j = z_j the number of the bounds closest to 0.

@@ -34,7 +34,7 @@ def lost(n: int, q: int, i: int) -> list[int]:
 def response(n: int, q: int, i: int, omega: Float[np.ndarray, "*w"]) -> Float[np.ndarray, "*w"]:
     """|Xhat_i / Y| at the frequencies omega, counted in mu; times mu^{i-1} in the units of y^(i-1). The gain of a tone."""
     s = 1j * np.asarray(omega, float)
-    return np.abs(np.polyval(transfer(n, q, i)[::-1], s) / (1 + s) ** (n + q))
+    return np.asarray(np.abs(np.polyval(transfer(n, q, i)[::-1], s) / (1 + s) ** (n + q)))
 
 
 @dataclasses.dataclass(frozen=True)

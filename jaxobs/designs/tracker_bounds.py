@@ -6,6 +6,7 @@ G = H - H_inf. All matrices are inverted in coordinates scaled by diag(mu^i), wh
 
 import dataclasses
 import math
+from functools import lru_cache
 
 import numpy as np
 import scipy.linalg
@@ -25,7 +26,7 @@ def growth(n: int, q: int) -> float:
 
 def start_over_steady(n: int, q: int, mu: float, start: Start) -> float:
     """The largest theta with H(0) >= theta H_inf. theta >= 1 is what Theorem 1 uses: then H(t) >= H_inf for all t."""
-    d = mu ** np.arange(n + q)
+    d = float(mu) ** np.arange(n + q)
     h0 = mu * np.outer(d, d) * _matrix(n, q, start)
     unit, root = _equilibrated(h0)
     return 1 / float(scipy.linalg.eigh(tracker_steady(n, q) / np.outer(root, root), unit, eigvals_only=True)[-1])
@@ -33,10 +34,10 @@ def start_over_steady(n: int, q: int, mu: float, start: Start) -> float:
 
 def transition(n: int, q: int, mu: float, start: Start, t: float) -> Float[np.ndarray, "N N"]:
     """Phi(t) of eta' = (A~ - H^-1 C~'C~) eta, (24): H(t) Phi(t) = e^{-mu t} e^{-A~'t} H(0)."""
-    d, tau = mu ** np.arange(n + q), mu * t
+    d, tau = float(mu) ** np.arange(n + q), mu * t
     steady = tracker_steady(n, q)
     scaled = mu * np.outer(d, d) * _matrix(n, q, start)
-    back = scipy.linalg.expm(-tracker_structure(n, q)[0] * tau)
+    back = _back(n, q, tau)
     h = steady + math.exp(-tau) * back.T @ (scaled - steady) @ back
     unit, root = _equilibrated(h)
     right = math.exp(-tau) * back.T @ scaled
@@ -46,8 +47,8 @@ def transition(n: int, q: int, mu: float, start: Start, t: float) -> Float[np.nd
 
 def transition_steady(n: int, q: int, mu: float, t: float) -> Float[np.ndarray, "N N"]:
     """The same from H(0) = H_inf: e^{(A~ - H_inf^-1 C~'C~) t} = H_inf^-1 e^{-mu t} e^{-A~'t} H_inf."""
-    d, h = mu ** np.arange(n + q), tracker_steady(n, q)
-    back = scipy.linalg.expm(-tracker_structure(n, q)[0] * mu * t)
+    d, h = float(mu) ** np.arange(n + q), tracker_steady(n, q)
+    back = _back(n, q, mu * t)
     return math.exp(-mu * t) * np.linalg.solve(h, back.T @ h) * np.outer(d, 1 / d)
 
 
@@ -72,7 +73,8 @@ def peak(n: int, q: int, mu: float, start: Start | None) -> Peak:
     whose supremum is where the two meet; it tends to kappa as mu -> infinity.
     """
     size = n + q
-    times = np.concatenate([[0.0], np.geomspace(1e-3, 60.0 + 8 * size * math.log(1 + mu), 600) / mu])
+    end = 20.0 + 4 * size * math.log(1 + mu)  # in 1 / mu: e^{-mu t} mu^{2N-1} is far below 1 from there on
+    times = np.sort(np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 60), np.linspace(0.5, end, 300)])) / mu
 
     def norm(t: float) -> float:
         phi = transition_steady(n, q, mu, t) if start is None else transition(n, q, mu, start, t)
@@ -90,11 +92,11 @@ def peak(n: int, q: int, mu: float, start: Start | None) -> Peak:
 def _peak_bound(n: int, q: int, mu: float, start: Float[np.ndarray, "N N"]) -> float:
     """Where kappa e^{rho t} meets lambda_max(H(0)) e^{-mu t} / eps(t), a decreasing function."""
     low, high = np.linalg.eigvalsh(start)[[0, -1]]
-    rho, d = growth(n, q), mu ** np.arange(n + q)
+    rho, d = growth(n, q), float(mu) ** np.arange(n + q)
     steady = tracker_steady(n, q)
 
     def excess(tau: float) -> float:
-        back = scipy.linalg.expm(-tracker_structure(n, q)[0] * tau)
+        back = _back(n, q, tau)
         w = steady - math.exp(-tau) * back.T @ steady @ back
         unit, root = _equilibrated(w)
         inverse = np.linalg.inv(unit) / np.outer(root, root) * mu * np.outer(d, d)
@@ -119,8 +121,8 @@ class Theorem1:
     K_1 = 2 C_1, C_1 = 2 sqrt(lambda_max(H~)) (as printed: the steps of the paper give lambda_max / sqrt(lambda_min), but with
     Cauchy and Schwarz in the norm of H_inf the printed value is right, as H~_qq <= lambda_max), C_2 = 2 C_0 c_bar^4,
     C_0 = ||H(0) - H_inf||,
-    T = ln(2 C_2 mu^{4N-3}) / (mu - rho): from then on the disturbance of the gain costs at most half of the rate mu.
-    settled [s] is when it really costs at most that. printed_T has sqrt(N) for rho, and mu^{4N-2} as in the print.
+    T = ln(2 C_2 mu^{4N-3}) / (mu - rho): from then on the disturbance of the gain costs at most half of the rate mu. settled
+    [s] is when it really costs at most that. printed_T has sqrt(N) for rho, and mu^{4N-2} as in the print.
     """
 
     c0: float
@@ -156,9 +158,13 @@ def theorem1(n: int, q: int, mu: float, start: Start) -> Theorem1:
         max(math.log(2 * c2) + power * math.log(mu), 0.0) / (mu - rate)
         for power, rate in ((4 * size - 3, growth(n, q)), (4 * size - 2, math.sqrt(size)))
     ]
-    times = np.geomspace(1e-3 / mu, ends[0], 2000)
-    costly = [t for t in times if disturbance(n, q, mu, start, t) > mu / 2]
-    return Theorem1(c0, float(c1), float(c2), float(2 * c1), ends[0], ends[1], float(max(costly, default=0.0)))
+    times = np.geomspace(1e-3 / mu, ends[0], 400)
+    excess = [disturbance(n, q, mu, start, t) - mu / 2 for t in times]
+    last = max((k for k, value in enumerate(excess[:-1]) if value > 0), default=-1)
+    settled = times[0] if last < 0 else scipy.optimize.brentq(
+        lambda t: disturbance(n, q, mu, start, t) - mu / 2, times[last], times[last + 1]
+    )  # fmt: skip
+    return Theorem1(c0, float(c1), float(c2), float(2 * c1), ends[0], ends[1], float(settled))
 
 
 def disturbance(n: int, q: int, mu: float, start: Start, t: float) -> float:
@@ -166,15 +172,29 @@ def disturbance(n: int, q: int, mu: float, start: Start, t: float) -> float:
 
     It is a rank-one matrix: 2 |H_inf^{1/2} (K_inf - K)| |H_inf^{-1/2} C~'|, in scaled coordinates times mu.
     """
-    d, tau = mu ** np.arange(n + q), mu * t
+    d, tau = float(mu) ** np.arange(n + q), mu * t
     steady = tracker_steady(n, q)
-    back = scipy.linalg.expm(-tracker_structure(n, q)[0] * tau)
+    back = _back(n, q, tau)
     scaled = mu * np.outer(d, d) * _matrix(n, q, start)
     h = steady + math.exp(-tau) * back.T @ (scaled - steady) @ back
     unit, root = _equilibrated(h)
     gain = np.linalg.solve(unit, np.eye(n + q)[0] / root) / root
     best = np.linalg.inv(steady)[:, 0]
     return 2 * mu * math.sqrt((best - gain) @ steady @ (best - gain)) * math.sqrt(best[0])
+
+
+def _back(n: int, q: int, tau: float) -> Float[np.ndarray, "N N"]:
+    """e^{-A~ tau}, a polynomial: s_i s_j (-tau)^{j-i} / (j-i)!."""
+    s, lag, factorials = _series(n, q)
+    return s * np.power(-tau, lag) / factorials
+
+
+@lru_cache
+def _series(n: int, q: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    order = np.arange(n + q)
+    lag = np.maximum(order[None, :] - order[:, None], 0)
+    s = tracker_structure(n, q)[1]
+    return np.triu(np.outer(s, s)), lag, np.asarray([math.factorial(k) for k in order], float)[lag]
 
 
 def _matrix(n: int, q: int, start: Start) -> Float[np.ndarray, "N N"]:

@@ -29,7 +29,7 @@ def triangular(
     gain: Numbers | None = None,
     origin: str = "given",
 ) -> tuple[Luenberger, TriangularGain]:
-    """z' = f(z, u) + L (y - z_1) with L = diag(theta^i) K and K of lemma 1, and the proof of theorem 1 (paper 003, (3) and (7)).
+    """z' = f(z, u) + L (y - z_1) with L = diag(theta^i) K, K of lemma 1, and the proof of theorem 1 (paper 003, (3) and (7)).
 
     couplings: (lowest, highest) of each a_i(u), (n - 1,) both; left out for a chain, where they are 1. slopes: bounds of
     |dg_i/dx_j|, (n, n) lower triangular, or one number for all entries j <= i (for a chain: of its last row). theta: 1.1 times

@@ -1,7 +1,7 @@
 """What can be seen, and through which inputs: Gramians of an input along a plant, and tests of observability for every input.
 
-    found = jaxobs.excitation.classify(plant, signal, horizon=(2.0, 32.0))
-    print(found.why)
+found = jaxobs.excitation.classify(plant, signal, horizon=(2.0, 32.0))
+print(found.why)
 """
 
 from jaxobs.excitation.classify import Excitation as Excitation

@@ -20,8 +20,8 @@ LASTING = 0.5  # how much of a lower bound the second half of the horizon must k
 
 @dataclasses.dataclass(frozen=True)
 class Figure:
-    """One figure of merit: its worst value for each theta (r,), the times of it (r,), and the worst ones in the first and in the
-    second half of the horizon, (r, 2)."""
+    """One figure of merit: its worst value for each theta (r,), when it occurs (r,), and the worst in each half of the horizon,
+    (r, 2)."""
 
     worst: np.ndarray
     at: np.ndarray
@@ -44,7 +44,8 @@ class Excitation:
 
     regularity: min_t lambda_min(Delta G(t - 1/theta, t) Delta) / theta, the alpha of (11). alpha: max_t of the least alpha with
     Gamma <= alpha Psi, definition 2 i). gamma: max_t of |Gamma_jj^-1| |Gamma_ii|, ii). floor: min_t lambda_min(Psi), iii).
-    lowest, highest: of |a_i(u(t))|; sign_changes: whether a_i changes its sign; all (n - 1,), empty where A(u) is no chain.
+    lower, upper: the values of a_i(u(t)), as `designs.triangular` takes them; lowest: of |a_i(u(t))|; all (n - 1,), empty
+    where A(u) has entries elsewhere than above its diagonal.
     """
 
     thetas: np.ndarray
@@ -54,9 +55,14 @@ class Excitation:
     alpha: Figure
     gamma: Figure
     floor: Figure
+    lower: np.ndarray
+    upper: np.ndarray
     lowest: np.ndarray
-    highest: np.ndarray
-    sign_changes: np.ndarray
+
+    @property
+    def sign_changes(self) -> np.ndarray:
+        """Whether a_i changes its sign, (n - 1,)."""
+        return (self.lower < 0) & (self.upper > 0)
 
     @property
     def locally_regular(self) -> bool:
@@ -119,8 +125,8 @@ def classify(
     u: AbstractSignal | Callable[[float], Any],
     *,
     horizon: tuple[float, float],
-    thetas: Sequence[float] = (4.0, 8.0, 16.0, 32.0),
-    breaks: Sequence[float] = (),
+    thetas: Sequence[float] | np.ndarray = (4.0, 8.0, 16.0, 32.0),
+    breaks: Sequence[float] | np.ndarray = (),
 ) -> Excitation:
     """Local regularity (11) and strong persistence (definition 2, i) and ii), and the missing iii)) of an input for a plant.
 
@@ -148,14 +154,16 @@ def classify(
         _refined(pair, gramians, measure, seen, cuts, sign)
         for measure, sign in ((Gramians.coupling, 1), (Gramians.spread, 1), (Gramians.smallest, -1))
     ]
+    alpha, gamma, floor = figures
     regularity = _stacked([_window_figure(pair, grid[seen], theta, cuts) for theta in rates])
-    return Excitation(rates, (begin, end), len(seen), regularity, *figures, *_couplings(pair, grid[seen]))
+    return Excitation(rates, (begin, end), len(seen), regularity, alpha, gamma, floor, *_couplings(pair, grid[seen]))
 
 
 def _said(name: str, holds: bool, symbol: str, figure: Figure, thetas: np.ndarray, top: str) -> str:
     first, second = figure.halves[-1]
     return (
-        f"{name} {'holds' if holds else 'fails'} ({symbol} = {figure.worst[-1]:.4g} {top}, like theta^{figure.power(thetas):.2f}; "
+        f"{name} {'holds' if holds else 'fails'} ({symbol} = {figure.worst[-1]:.4g} {top}, like "
+        f"theta^{figure.power(thetas):.2f}; "
         f"{first:.4g} in the first half, {second:.4g} in the second)"
     )
 
@@ -230,11 +238,10 @@ def _stacked(rows: list[tuple[list[float], list[float]]]) -> Figure:
 
 
 def _couplings(pair: Pair, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(min |a_i|, max |a_i|, whether a_i changes its sign) over the times, if A(u) has entries above its diagonal alone."""
+    """(min a_i, max a_i, min |a_i|) over the times, if A(u) has entries above its diagonal alone."""
     a, _ = pair.at(times)
     above = np.diagonal(a, offset=1, axis1=-2, axis2=-1)
     rest = a - np.einsum("ki,ij->kij", np.pad(above, ((0, 0), (0, 1))), np.eye(a.shape[-1], k=1))
     if set(pair.blocks) != {1} or np.any(rest):
-        return np.zeros(0), np.zeros(0), np.zeros(0, bool)
-    changes = (np.min(above, axis=0) < 0) & (np.max(above, axis=0) > 0)
-    return np.min(np.abs(above), axis=0), np.max(np.abs(above), axis=0), changes
+        return np.zeros(0), np.zeros(0), np.zeros(0)
+    return np.min(above, axis=0), np.max(above, axis=0), np.min(np.abs(above), axis=0)

@@ -2,14 +2,16 @@
 
 phi(s, t) is the transition matrix of x' = A(u) x. Two Gramians at time t (paper 003, (11) and (21)):
 
-    G(t, theta) = int_{t - 1/theta}^t phi(s,t)'C'C phi(s,t) ds,    Psi(t, theta) = int_0^t e^{-theta (t-s)} phi(s,t)'C'C phi(s,t) ds.
+    G(t, theta) = int_{t - 1/theta}^t phi(s,t)'C'C phi(s,t) ds,    Psi(t, theta) = int_0^t e^{-theta (t-s)} phi(s,t)'C'C
+    phi(s,t) ds.
 
-phi is taken backwards from t by Gauss collocation (order 8 in a panel; on chains of integrators with polynomial couplings that
-is quadrature, hence exact), Psi is carried from panel to panel by QR array steps with the scale of each column kept as a
+phi is taken backwards from t by Gauss collocation at 5 nodes a panel, of order 10 (exact on chains of integrators with up to 5
+states), Psi is carried from panel to panel by QR array steps with the scale of each column kept as a
 logarithm, so that neither a small eigenvalue nor e^{-theta t} underflows.
 """
 
 import dataclasses
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -35,7 +37,7 @@ def _gauss(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return nodes, w / 2, integrals @ np.linalg.inv(powers)
 
 
-NODES, WEIGHTS, COLLOCATION = _gauss(4)
+NODES, WEIGHTS, COLLOCATION = _gauss(5)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,7 +102,7 @@ def pair_of(owner: str, plant: AbstractFlowPlant, u: AbstractSignal | Callable[[
 
 
 def _panels(pair: Pair, ends: np.ndarray, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """For panels [end - length, end]: rows C phi(s_i, end) (k, nodes, p, n), phi(start, end) (k, n, n), ages end - s_i (k, nodes)."""
+    """In [end - length, end]: rows C phi(s_i, end) (k, nodes, p, n), phi(start, end) (k, n, n), ages end - s_i (k, nodes)."""
     ages = lengths[:, None] * NODES
     a, c = pair.at(ends[:, None] - ages)
     count, n = len(ends), a.shape[-1]
@@ -114,7 +116,7 @@ def _panels(pair: Pair, ends: np.ndarray, lengths: np.ndarray) -> tuple[np.ndarr
 
 @dataclasses.dataclass(frozen=True)
 class Gramians:
-    """Roots of Gramians at times (k,) for rates thetas (r,): Gramian = D M'M D with M = roots (k, r, n, n), D = diag(e^logs)."""
+    """Gramians at times (k,) for rates thetas (r,) by their roots: D M'M D with M = roots (k, r, n, n), D = diag(e^logs)."""
 
     times: np.ndarray
     thetas: np.ndarray
@@ -138,7 +140,7 @@ class Gramians:
         """The least alpha with Gamma <= alpha Gramian, (k, r): Gamma its block diagonal. Infinite where Gamma is singular."""
         parts, edges = [], np.cumsum([0, *self.blocks])
         regular = np.ones(self.roots.shape[:2], bool)
-        for begin, end in zip(edges[:-1], edges[1:], strict=True):
+        for begin, end in itertools.pairwise(edges):
             q, r = np.linalg.qr(self.roots[..., begin:end])
             diagonal = np.abs(np.diagonal(r, axis1=-2, axis2=-1))
             scale = np.linalg.norm(self.roots[..., begin:end], axis=(-2, -1))
@@ -152,11 +154,13 @@ class Gramians:
         """max over j <= i of |Gamma_jj^-1| |Gamma_ii|, (k, r): infinite where Gamma is singular."""
         edges = np.cumsum([0, *self.blocks])
         large, small = [], []
-        for begin, end in zip(edges[:-1], edges[1:], strict=True):
+        for begin, end in itertools.pairwise(edges):
             logs = self.logs[..., begin:end]
             top = np.max(logs, axis=-1)
             finite = np.where(np.isfinite(top), top, 0)
-            values = np.linalg.svd(self.roots[..., begin:end] * np.exp(logs - finite[..., None])[..., None, :], compute_uv=False)
+            values = np.linalg.svd(
+                self.roots[..., begin:end] * np.exp(logs - finite[..., None])[..., None, :], compute_uv=False
+            )
             with np.errstate(divide="ignore"):
                 large.append(finite + np.log(values[..., 0]))
                 small.append(finite + np.log(values[..., -1]))
@@ -174,7 +178,7 @@ def fading_gramians(
     n, rates = through.shape[-1], len(thetas)
     root, logs = start or (np.zeros((rates, n, n)), np.full((rates, n), -np.inf))
     roots, all_logs = [root], [logs]
-    weight = np.sqrt(WEIGHTS * lengths[:, None])[:, None] * np.exp(-thetas[:, None] * ages[:, None] / 2)  # (k, r, nodes)
+    weight = np.sqrt(np.outer(lengths, WEIGHTS))[:, None] * np.exp(-thetas[:, None] * ages[:, None] / 2)  # (k, r, nodes)
     for k in range(len(ends)):
         fresh = (weight[k][:, :, None, None] * rows[k]).reshape(rates, -1, n)
         root, logs = _array_step(root, logs - thetas[:, None] * lengths[k] / 2, through[k], fresh)
@@ -211,8 +215,8 @@ def window_gramians(pair: Pair, times: np.ndarray, theta: float, breaks: np.ndar
         lengths = edges[:, j] - edges[:, j - 1]
         if np.any(lengths > 0):
             rows, through, _ = _panels(pair, edges[:, j], lengths)
-            weight = np.sqrt(WEIGHTS * lengths[:, None])[:, :, None, None]
+            weight = np.sqrt(np.outer(lengths, WEIGHTS))[:, :, None, None]
             stack.append((weight * rows @ back[:, None]).reshape(len(times), -1, n))
             back = through @ back
-    r = np.linalg.qr(np.concatenate(stack, axis=1), mode="r")
+    r = np.asarray(np.linalg.qr(np.concatenate(stack, axis=1), mode="r"))
     return Gramians(times, np.asarray([theta]), r[:, None], np.zeros((len(times), 1, n)), pair.blocks)

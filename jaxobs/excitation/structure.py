@@ -44,7 +44,9 @@ def _jacobians(plant: Any, xs: Any, us: Any) -> tuple[Any, Any]:
     return jax.vmap(at)(xs, us)
 
 
-def structure(plant: AbstractFlowPlant, *, states: Box, inputs: Box | None = None, count: int = 256, seed: int = 0) -> Structure:
+def structure(
+    plant: AbstractFlowPlant, *, states: Box, inputs: Box | None = None, count: int = 256, seed: int = 0
+) -> Structure:
     """The pattern of dF/dx on `count` random points and the corners of the box of inputs (paper 003, (4)-(5)).
 
     states, inputs: (lowest, highest) of each, the latter connected and needed if m > 0. A coupling that takes both signs

@@ -7,3 +7,5 @@ from jaxobs.integrators.base import check_step as check_step
 from jaxobs.integrators.explicit import RK4 as RK4
 from jaxobs.integrators.explicit import Euler as Euler
 from jaxobs.integrators.exponential import Exponential as Exponential
+from jaxobs.integrators.limits import UnstableStep as UnstableStep
+from jaxobs.integrators.limits import largest_step as largest_step

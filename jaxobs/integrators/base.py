@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jaxobs._module import Module, Scalar, concrete, refuse
+from jaxobs.integrators.limits import warn_step
 
 State = PyTree
 
@@ -28,6 +29,7 @@ class AbstractIntegrator(Module):
 
     needs_uniform_grid: ClassVar[bool] = False
     stability_limit: ClassVar[float | None] = None  # the largest lambda h on z' = -lambda z of an explicit method
+    stability_order: ClassVar[int | None] = None  # of an explicit method with as many stages as its order
 
     @abc.abstractmethod
     def prepare(self, field: Field, dt: Scalar, z: State) -> Any: ...
@@ -52,8 +54,10 @@ def axpy(scale: Scalar, x: State, y: State) -> State:
 def check_step(owner: str, part: Module, integrator: AbstractIntegrator, dt: Any) -> None:
     """A part that says how fast its own equations decay (`fastest_rate`) meets steps that an explicit method can take.
 
-    ValueError, where the values are concrete, with the limit of the method and the steps that keep it.
+    ValueError, where the values are concrete, with the limit of the method and the steps that keep it. An observer whose
+    constant gain puts `error_poles()` beyond the method is warned about only: what its nonlinearity does, they do not say.
     """
+    warn_step(owner, part, integrator, dt)
     rate, limit = getattr(part, "fastest_rate", None), integrator.stability_limit
     if rate is None or limit is None:
         return

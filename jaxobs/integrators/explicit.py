@@ -13,6 +13,7 @@ class Euler(AbstractIntegrator):
 
     substeps: int = static(default=1)
     stability_limit: ClassVar[float | None] = 2.0
+    stability_order: ClassVar[int | None] = 1
 
     def __check_init__(self):
         require_integer(self, "substeps", self.substeps, 1, "It counts the steps in one grid interval.")
@@ -30,6 +31,7 @@ class RK4(AbstractIntegrator):
 
     substeps: int = static(default=1)
     stability_limit: ClassVar[float | None] = 2.785
+    stability_order: ClassVar[int | None] = 4
 
     def __check_init__(self):
         require_integer(self, "substeps", self.substeps, 1, "It counts the steps in one grid interval.")

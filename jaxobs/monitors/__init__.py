@@ -1,7 +1,7 @@
 """Run-time monitors: what a theorem promises, checked on the signals that an observer has while it runs.
 
-A monitor that is broken refutes one of the theorem's hypotheses (the model, the Lipschitz constant, the bounds on noise and initial
-error); one that is kept proves nothing.
+A monitor that is broken refutes one of the theorem's hypotheses (the model, the Lipschitz constant, the bounds on noise and
+initial error); one that is kept proves nothing.
 """
 
 from jaxobs.monitors.corollaries import Budget as Budget

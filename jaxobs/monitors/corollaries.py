@@ -42,10 +42,11 @@ def budget(
 ) -> Budget:
     """Corollary 1 for the observer of theorem 1, without noise: under condition (5), at all times
 
-        integral_0^t beta e'Q^-1 e + (C xhat - y)^2 dtau <= e(0)'P^-1 e(0).                                                  (33)
+        integral_0^t beta e'Q^-1 e + (C xhat - y)^2 dtau <= e(0)'P^-1 e(0).      (33)
 
-    Only the second term can be seen; it alone may not exceed the right side, taken at the worst initial error |e_j(0)| <= reach_j.
-    The integral is that of the samples: leave it room for the trapezoidal rule, and none for noise, which has no budget.
+    Only the second term can be seen; it alone may not exceed the right side, taken at the worst initial error |e_j(0)| <=
+    reach_j. The integral is that of the samples: leave it room for the trapezoidal rule, and none for noise, which has no
+    budget.
     """
     spent = innovation_energy(ts, innovation) / chain_bounds.initial_energy(alphas, gamma, reach)
     return Budget(spent, *_judged(ts, spent <= 1))
@@ -60,7 +61,8 @@ def envelope(
     reach: Float[Array, " n"],
     noise: Scalar,
 ) -> Envelope:
-    """Corollary 2 for the q-integral observer (q = N - n; the bounded form) and |w| <= noise: under (44), with W = sqrt(e'Z^-1 e),
+    """Corollary 2 for the q-integral observer (q = N - n; the bounded form) and |w| <= noise: under (44), with W =
+    sqrt(e'Z^-1 e),
 
         W(t) <= e^{-C_1 t/2} W(0) + (1 - e^{-C_1 t/2}) 2 c noise / C_1,     |y - xhat_1| <= sqrt(Z_{q+1,q+1}) W(t) + noise,
 

@@ -23,6 +23,14 @@ def powers(gamma: Scalar, count: int) -> Float[Array, " count"]:
     return gamma ** jnp.arange(1, count + 1, dtype=gamma.dtype)
 
 
+def scaled_poles(alphas: Float[Array, " N"], gamma: Scalar) -> np.ndarray | None:
+    """gamma times the roots of s^N + alphas_1 s^{N-1} + ... + alphas_N, where the numbers are concrete."""
+    known, scale = concrete(alphas), concrete(gamma)
+    if known is None or scale is None or known.ndim != 1:
+        return None
+    return float(np.max(scale)) * np.roots(np.concatenate([[1.0], known.astype(float)]))
+
+
 def require_chain(observer: Module, model: object) -> None:
     fix = "Give a plant in chain form, write yours as a subclass, or use Luenberger."
     require_instance(observer, "model", model, AbstractChain, fix)

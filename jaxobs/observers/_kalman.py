@@ -24,7 +24,7 @@ def measurement_update(
 ) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
     """xhat + P C'(C P C' + R)^-1 innovation and the root of P - P C'(C P C' + R)^-1 C P, with R = noise'noise:
 
-        triangularise [[noise, 0], [U C', U]] = [[X, Y], [0, U+]],     xhat+ = xhat + Y'X'^-1 innovation.
+    triangularise [[noise, 0], [U C', U]] = [[X, Y], [0, U+]],     xhat+ = xhat + Y'X'^-1 innovation.
     """
     p = c.shape[0]
     rows = jnp.block([[noise, jnp.zeros_like(c)], [u @ c.T, u]])

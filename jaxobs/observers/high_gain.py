@@ -1,9 +1,10 @@
 """The high-gain observer in chain coordinates."""
 
+import numpy as np
 from jaxtyping import Array, Float
 
 from jaxobs._module import Scalar, param
-from jaxobs.observers._gains import check_gains, powers, require_chain
+from jaxobs.observers._gains import check_gains, powers, require_chain, scaled_poles
 from jaxobs.observers.base import AbstractFlowObserver
 from jaxobs.plants import AbstractChain
 
@@ -33,6 +34,10 @@ class HighGain(AbstractFlowObserver):
 
     def gain(self) -> Float[Array, " n"]:
         return self.alphas * powers(self.gamma, self.n)
+
+    def error_poles(self) -> np.ndarray | None:
+        """The poles of the linear part of the error, where they are concrete."""
+        return scaled_poles(self.alphas, self.gamma)
 
     def init(self, xhat0):
         return xhat0

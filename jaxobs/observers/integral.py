@@ -1,10 +1,11 @@
 """The q-integral high-gain observer, in its bounded form."""
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from jaxobs._module import Scalar, param, require_integer, static
-from jaxobs.observers._gains import check_gains, powers, require_chain
+from jaxobs.observers._gains import check_gains, powers, require_chain, scaled_poles
 from jaxobs.observers.base import AbstractFlowObserver
 from jaxobs.plants import AbstractChain
 
@@ -43,6 +44,10 @@ class IntegralHighGain(AbstractFlowObserver):
 
     def gain(self) -> Float[Array, " N"]:
         return self.alphas * powers(self.gamma, self.n + self.q)
+
+    def error_poles(self) -> np.ndarray | None:
+        """The poles of the linear part of the error, where they are concrete."""
+        return scaled_poles(self.alphas, self.gamma)
 
     def init(self, xhat0):
         return jnp.concatenate([jnp.zeros((self.q,), xhat0.dtype), xhat0])

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxobs._module import param
+from jaxobs._module import Scalar, param
 from jaxobs.observers._kalman import check_kalman, measurement_update, process_root, root, time_update
 from jaxobs.observers.base import AbstractFlowObserver, AbstractStepObserver
 from jaxobs.plants import AbstractFlowPlant, AbstractStepPlant
@@ -19,11 +19,12 @@ class ContinuousKalman(AbstractFlowObserver):
         xhat' = f(xhat, u) + K (y - h(xhat, u)),    K = P C'r^-1,    P' = F P + P F' + E q E' - P C'r^-1 C P,    P(0) = start
 
     kept as the Cholesky root P = S S':   S' = S Phi(S^-1 (F P + P F' + E q E') S'^-1 - S'C'r^-1 C S), Phi the lower triangle
-    with half the diagonal. P stays semidefinite whatever the integrator does; explicit steps must resolve the rates of K C
-    (early on start / r). For a linear model it is the Kalman-Bucy filter.
+    with half the diagonal. P stays semidefinite whatever the integrator does. Explicit steps must resolve the start, where K C
+    is fastest as a rule: `simulate` and Sampled refuse steps outside the stability limit there, which a large start / r makes
+    small; ContinuousDiscreteKalman has no such limit. For a linear model it is the Kalman-Bucy filter.
 
-    model: any flow plant, h differentiable. q (w, w): intensity of the white disturbance, per second; r (p, p): intensity of white
-    measurement noise (samples of variance v, held for dt: r = v dt); start (n, n). All symmetric positive definite, else
+    model: any flow plant, h differentiable. q (w, w): intensity of the white disturbance, per second; r (p, p): intensity of
+    white measurement noise (samples of variance v, held for dt: r = v dt); start (n, n). All symmetric positive definite, else
     ValueError. A lost sample moves xhat by the model alone, but P goes on as if it had come: the contract passes no validity.
     Source: Jazwinski, Stochastic Processes and Filtering Theory, theorem 7.5 and section 8.3; Morf, Levy and Kailath (1978).
     """
@@ -47,6 +48,14 @@ class ContinuousKalman(AbstractFlowObserver):
     @property
     def p(self):
         return self.model.p
+
+    @property
+    def fastest_rate(self) -> Scalar:
+        """3/2 |r^-1/2 C S|^2 [1/s] at the start, C at x = 0: the fastest rate of the equation of S there."""
+        x, u = jnp.zeros((self.n,), self.r.dtype), jnp.zeros((self.m,), self.r.dtype)
+        c = jax.jacfwd(lambda x: self.model.h(x, u))(x)
+        root_r = jnp.linalg.cholesky(self.r)
+        return 1.5 * jnp.linalg.norm(jax.scipy.linalg.solve_triangular(root_r, c @ self.init(x)[1], lower=True), 2) ** 2
 
     def init(self, xhat0):
         return xhat0, jnp.linalg.cholesky(self.start)
@@ -80,9 +89,10 @@ class DiscreteKalman(AbstractStepObserver):
     kept as the root P = U'U; both updates are QR array steps, so that P never loses definiteness. For a linear model it is the
     Kalman filter. The estimate at k uses y_k.
 
-    model: any step plant. q (w, w): covariance of the disturbance of one step; r (p, p): of one sample; start (n, n). All symmetric
-    positive definite, else ValueError. A lost sample moves xhat by the model alone, but P goes on as if it had come: the contract
-    passes no validity. Source: Kailath, Sayed and Hassibi, Linear Estimation, sections 9.7 and 12.3; Jazwinski, theorem 8.1.
+    model: any step plant. q (w, w): covariance of the disturbance of one step; r (p, p): of one sample; start (n, n). All
+    symmetric positive definite, else ValueError. A lost sample moves xhat by the model alone, but P goes on as if it had come:
+    the contract passes no validity.
+    Source: Kailath, Sayed and Hassibi, Linear Estimation, sections 9.7 and 12.3; Jazwinski, theorem 8.1.
     """
 
     model: AbstractStepPlant

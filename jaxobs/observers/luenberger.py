@@ -60,6 +60,9 @@ class Luenberger(AbstractFlowObserver):
 class StepLuenberger(AbstractStepObserver):
     """z+ = f(k, z, u) + L (y - h(z)), estimate z: the estimate at k uses y up to k - 1 (papers 000 (51), 004 (14)).
 
+    On Discretised(plant, Euler(), dt) it is the observer (51) of paper 000 with L = X^-1 C' (designs.euler_tied, euler_free),
+    and (53) and (64) with L = dt P(gamma) C' (designs.euler_riccati): one observer, three designs.
+
     model: any step plant. gain L (n, p), finite.
     """
 

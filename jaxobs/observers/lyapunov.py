@@ -82,10 +82,10 @@ class StepLyapunov(AbstractStepObserver):
 
         as    R_k = triangularise([R_k^-; sqrt(dt) C]),     R_{k+1}^- = e^{-theta dt / 2} R_k F^-1,
 
-    xhat_{k+1}^- by one step of `integrator` on the model's flow. Exact for any theta dt, and R'R is never indefinite. For an affine
-    plant xhat_k minimises sum_j e^{-theta (t_k - t_j)} |y_j - C x(t_j)|^2 dt with the prior S(0) around xhat0. As dt -> 0 it
-    is Lyapunov; on a chain it is DiscreteTracker without integrators. Source: paper 003, (20) and (25), over one sample; the
-    array form is that of Kailath, Sayed and Hassibi, Linear Estimation, chapter 12.
+    xhat_{k+1}^- by one step of `integrator` on the model's flow. Exact for any theta dt, and R'R is never indefinite. For an
+    affine plant xhat_k minimises sum_j e^{-theta (t_k - t_j)} |y_j - C x(t_j)|^2 dt with the prior S(0) around xhat0. As dt
+    -> 0 it is Lyapunov; on a chain it is DiscreteTracker without integrators. Source: paper 003, (20) and (25), over one
+    sample; the array form is that of Kailath, Sayed and Hassibi, Linear Estimation, chapter 12.
 
     model, theta [1/s], start as for Lyapunov. dt [s] > 0, checked against the data.
     """
@@ -148,12 +148,13 @@ class StepLyapunov(AbstractStepObserver):
         return self.model.h(z[0], u)
 
 
-def from_scaled(theta: Scalar, gamma: Scalar, start: Numbers) -> tuple[Array, Array]:
+def from_scaled(theta: Numbers, gamma: Numbers, start: Numbers) -> tuple[Array, Array]:
     """(theta, S(0)) of (25) that make it the observer (12) with the parameters theta, gamma and S(0) = start (n, n):
 
         theta_25 = gamma theta,      S_25 = theta Delta^-1 S_12 Delta^-1,      Delta = diag(theta^i).
 
-    Then S_25^-1 C' = Delta S_12^-1 C' at all times: (12) and (25) of paper 003 are one observer. For chain and triangular forms.
+    Then S_25^-1 C' = Delta S_12^-1 C' at all times: (12) and (25) of paper 003 are one observer. For chain and triangular
+    forms.
     """
     s, scale, rate = as_param(start), as_param(theta), as_param(gamma)
     d = scale ** -jnp.arange(1, s.shape[0] + 1, dtype=s.dtype)
@@ -176,7 +177,8 @@ def _check(observer: Module) -> None:
         return
     full = known if known.ndim else known * np.eye(model.n)  # NumPy: this may run while something else is traced
     d = np.sqrt(np.abs(np.diag(full)))
-    scaled = full / np.where(d > 0, d[:, None] * d[None, :], 1)
+    d = np.where(d > 0, d, 1)
+    scaled = full / (d[:, None] * d[None, :])
     smallest = float(np.linalg.eigvalsh((scaled + scaled.T) / 2)[0])
     if not np.allclose(scaled, scaled.T) or smallest <= 0:
         given = f"{known.tolist()} (symmetric part, scaled to unit diagonal: smallest eigenvalue {smallest:.3g})"

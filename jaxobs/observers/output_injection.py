@@ -1,10 +1,11 @@
 """The observer that puts the measured state into phi: where phi knows only y and u, its error is exactly linear."""
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from jaxobs._module import param, require_finite, require_shape
-from jaxobs.observers._gains import require_chain
+from jaxobs.observers._gains import require_chain, scaled_poles
 from jaxobs.observers.base import AbstractFlowObserver
 from jaxobs.plants import AbstractChain
 
@@ -35,6 +36,10 @@ class OutputInjection(AbstractFlowObserver):
     @property
     def m(self):
         return self.model.m
+
+    def error_poles(self) -> np.ndarray | None:
+        """The poles of the error, where they are concrete."""
+        return scaled_poles(self.gain[:, 0], jnp.ones((), self.gain.dtype))
 
     def init(self, xhat0):
         return xhat0

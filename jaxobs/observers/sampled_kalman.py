@@ -17,16 +17,16 @@ class ContinuousDiscreteKalman(AbstractStepObserver):
 
         xhat' = f(xhat, u),    P' = F P + P F' + E q E',
 
-    and at each sample the measurement update of DiscreteKalman; the estimate at k uses y_k. P = U'U is kept as its root and both
-    updates are QR array steps. In each of `substeps` parts h of dt, with the transition matrices A and B of its first and second
-    half from the variational equation of `integrator`, the time update takes Simpson's rule, whose weights are positive:
+    and at each sample the measurement update of DiscreteKalman; the estimate at k uses y_k. P = U'U is kept as its root and
+    both updates are QR array steps. In each of `substeps` parts h of dt, with the transition matrices A and B of its first and
+    second half from the variational equation by `integrator`, the time update takes Simpson's rule, whose weights are positive:
 
         P+ = B A P A'B' + h/6 B A G G'A'B' + 2h/3 B G G'B' + h/6 G G',     G G' = E q E'    (error of order h^4).
 
-    model: any flow plant. q (w, w): intensity of the white disturbance, per second; r (p, p): covariance of one sample; start (n, n) =
-    P(0). All symmetric positive definite. dt [s] > 0, checked against the data. ValueError for anything else. A lost sample
-    moves xhat by the model alone, but P goes on as if it had come: the contract passes no validity.
-    Source: Jazwinski, Stochastic Processes and Filtering Theory, theorems 7.1 and 8.1; Kailath, Sayed and Hassibi, section 12.3.
+    model: any flow plant. q (w, w): intensity of the white disturbance, per second; r (p, p): covariance of one sample; start
+    (n, n) = P(0). All symmetric positive definite. dt [s] > 0, checked against the data. ValueError for anything else. A lost
+    sample moves xhat by the model alone, but P goes on as if it had come: the contract passes no validity.
+    Source: Jazwinski, Stochastic Processes and Filtering Theory, theorems 7.1, 8.1; Kailath, Sayed and Hassibi, section 12.3.
     """
 
     model: AbstractFlowPlant

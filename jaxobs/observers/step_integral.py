@@ -18,7 +18,8 @@ class StepIntegral(AbstractStepObserver):
 
     eps is the error of the q integrals of y, so that (eps, x - xhat) obeys e+ = (I + dt A~ - L C~) e + dt B (phi - phihat), the
     augmented (54); the printed form integrates y itself q times and drifts away. L = dt Z(gamma) C~' makes it the digital form
-    of paper 000, (40); L = X^-1 C~' that of the augmented (51). For q = 0, eps_1 is y - xhat_1: StepLuenberger on the Euler model.
+    of paper 000, (40); L = X^-1 C~' that of the augmented (51). For q = 0, eps_1 is y - xhat_1: StepLuenberger on the Euler
+    model.
 
     model: a chain of n states. gain L (n + q,). dt [s]: the sampling period (checked against the data). q: integer >= 0.
     eps(0) = 0. ValueError for anything else.

@@ -23,6 +23,10 @@ DOUBLINGS, HORIZON = 10, 16.0  # 2^10 samples of the response, over so many time
 BAND = 0.05  # of its peak: what remains of a settled error
 EDGE = 1e-4  # the search leaves the band this early: its optima touch the edge, where the settling time jumps
 SEEDS = (0, 1)  # of the global search
+LOWEST = 14.0  # how far log q may fall below the binomial one, times min(i, N - i)
+
+
+_covariance = jax.jit(linalg.noise_covariance, static_argnums=1)
 
 
 class Quietest(NamedTuple):
@@ -34,9 +38,9 @@ class Quietest(NamedTuple):
 
 
 def noise_constant(alphas: Numbers, q: int = 0, *, state: int = 2) -> Scalar:
-    """c of Var e_i = sigma^2 T_s gamma^{2i-1} c for the estimate x_i, i = `state` (paper 000, (41); gamma T_s << 1, phi left out)."""
+    """c of Var e_i = sigma^2 T_s gamma^{2i-1} c for x_i, i = `state` (paper 000, (41); gamma T_s << 1, phi left out)."""
     place = q + state - 1
-    return linalg.noise_covariance(as_param(alphas), q)[place, place]
+    return _covariance(as_param(alphas), q)[place, place]
 
 
 def settling_time(alphas: Numbers, q: int = 0, *, state: int = 2, start: int = 2, band: float = BAND) -> Scalar:
@@ -66,8 +70,8 @@ def settling_time(alphas: Numbers, q: int = 0, *, state: int = 2, start: int = 2
 def squared_error(alphas: Numbers, q: int = 0, *, state: int = 2, start: int = 2) -> Scalar:
     """Integral of e_i(t)^2 from e(0) = the unit error of x_start; e' = (A - alphas C) e.
 
-    For n = 2 and i = start = 2 every linear observer, with any q, has c * (this)^3 >= 27/64: a Kalman filter for white noise on y
-    and on x_2' has the least c + lambda * (this) = sqrt(2) lambda^{3/4}, for every lambda.
+    For n = 2 and i = start = 2 every linear observer, with any q, has c * (this)^3 >= 27/64: a Kalman filter for white noise on
+    y and on x_2' has the least c + lambda * (this) = sqrt(2) lambda^{3/4}, for every lambda.
     """
     a = as_param(alphas)
     size = a.shape[0]
@@ -90,11 +94,11 @@ def speed(measure: Measure, alphas: Numbers, q: int = 0) -> Scalar:
 def quietest(measure: Measure, q: int, *, reference: Numbers = (3.0, 2.0), spread: float = 14.0) -> Quietest:
     """min c(alphas, q) over alphas that satisfy (10) and have the speed that `reference` (n = 2, q = 0) has.
 
-    Global search over log q (differential evolution from several seeds, and the optimum for q - 1 with one more fast pole), each
-    end refined by Nelder-Mead; deterministic. `spread` bounds the poles: with alpha_N = 1, log q_i stays within
-    spread * min(i, N - i) of log C(N, i), so that no pole exceeds about exp(spread / 2). A minimum that is reached only in a limit
-    (q_i -> 0, a pole at infinity) is approached to these bounds. At equal abscissa alpha(s) = beta(s + abscissa) with beta from
-    log q, so that no eigenvalue is needed where poles meet. Needs float64.
+    Global search over log q (differential evolution from several seeds, and the optimum for q - 1 with one more fast pole), the
+    ends refined by Nelder-Mead; deterministic. `spread` bounds the poles: with alpha_N = 1, log q_i exceeds log C(N, i) by no
+    more than spread * min(i, N - i), so that no pole exceeds about sqrt(N) exp(spread / 2). A minimum that is reached only in a
+    limit (q_i -> 0, a pole at infinity) is approached to these bounds. At equal abscissa alpha(s) = beta(s + abscissa) with
+    beta from log q, so that no eigenvalue is needed where poles meet. Needs float64.
     """
     require_integer("quietest", "q", q, 0, "It counts the integrators between innovation and injection.")
     if measure not in MEASURES:
@@ -122,17 +126,17 @@ def _quietest(measure: Measure, q: int, reference: tuple[float, ...], spread: fl
     def one(v):
         return float(many(v[:, None])[0])
 
-    width = spread * np.minimum(np.arange(1, size + 1), size - np.arange(1, size + 1))
-    box = [(-w, w) for w in width[:-1]] + [(-2 * spread, 0.0)]
-    wishes = {"popsize": 8, "maxiter": 30 * size, "tol": 1e-7, "polish": False, "vectorized": True, "updating": "deferred"}
+    places = np.minimum(np.arange(1, size + 1), size - np.arange(1, size + 1))
+    box = [(-LOWEST * k, spread * k) for k in places[:-1]] + [(-2 * LOWEST, 0.0)]
+    wishes = {"popsize": 8, "maxiter": 20 * size, "tol": 1e-7, "polish": False, "vectorized": True, "updating": "deferred"}
     starts = [scipy.optimize.differential_evolution(many, box, rng=seed, **wishes).x for seed in SEEDS]
     if q > 0:
         fast = math.exp(spread / 2) * float(speed("spectral abscissa", reference))
         longer = np.polymul([1.0, fast], [1.0, *_quietest(measure, q - 1, reference, spread).alphas])[1:]
         weights = hurwitz.q_from_alphas(hurwitz.normalise(jnp.asarray(longer))[0])
-        v = np.append(np.log(np.asarray(weights) / np.asarray(hurwitz.binomial(size)))[:-1], -2 * spread)
+        v = np.append(np.log(np.asarray(weights) / np.asarray(hurwitz.binomial(size)))[:-1], -2 * LOWEST)
         starts.append(np.clip(np.nan_to_num(v), *np.asarray(box).T))
-    options = {"xatol": 1e-7, "fatol": 1e-12, "maxiter": 100 * size}
+    options = {"xatol": 1e-7, "fatol": 1e-12, "maxiter": 70 * size}
     ends = [scipy.optimize.minimize(one, v, method="Nelder-Mead", bounds=box, options=options) for v in starts]
     best = min(ends, key=lambda end: end.fun).x
     alphas = np.asarray(cost(jnp.asarray(best)[None], which, target)[1][0])

@@ -1,4 +1,4 @@
-"""Slopes M F N, |F| <= 1, by other routes: exact Schur complements, sampled directions, polynomials, corners, simplex search."""
+"""Slopes M F N, |F| <= 1, by other routes: exact Schur complements, directions, polynomials, corners, simplex search."""
 
 import flint
 import numpy as np
@@ -68,7 +68,7 @@ def bisect(holds, low, high):
 
 
 def same_p_gamma(alphas, rho):
-    """n = 2, all states in phi: 2 rho |(P^-1)_2. e| |e| < e'S e for every direction e, S = P^-1 Q P^-1 + C'C, on a fine circle."""
+    """n = 2, all states in phi: 2 rho |(P^-1)_2. e| |e| < e'S e for every direction e, S = P^-1 Q P^-1 + C'C."""
     angles = np.linspace(0, np.pi, 40_001)
     e = np.stack([np.cos(angles), np.sin(angles)])
 
@@ -128,8 +128,8 @@ def riccati_period(alphas, gamma, rho, q=0):
 
 
 def tied_margin(dt, rho, q=0):
-    """sup over X of the smallest eigenvalue of [X, *; X K, X] at both slopes, X K = X (I + dt A +- dt rho E) - C'C: concave in X,
-    climbed by a simplex search. n = 2, x_1 alone in phi; coordinates in which dt is 1."""
+    """sup over X of the smallest eigenvalue of [X, *; X K, X] at both slopes, X K = X (I + dt A +- dt rho E) - C'C: concave
+    in X, climbed by a simplex search. n = 2, x_1 alone in phi; coordinates in which dt is 1."""
     size = 2 + q
     upper = np.triu_indices(size)
 

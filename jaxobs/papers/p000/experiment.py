@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxobs import hurwitz
-from jaxobs._module import astype
+from jaxobs._module import Numbers, astype, dtype_of
 from jaxobs._simulate import Trajectory, score, simulate
 from jaxobs.metrics import RMSE
 from jaxobs.noise import Gaussian
@@ -45,11 +45,13 @@ def noise() -> Gaussian:
     return Gaussian(SIGMA)
 
 
-def run(observer: Observer, *, noisy: bool, end: float = END, period: float = PERIOD) -> Trajectory:
-    """The pendulum and an observer from START and GUESS; the noise, if any, is held for one period."""
-    ts = np.arange(0.0, end, period)
-    with_noise = {"noise": noise(), "key": jax.random.key(0)} if noisy else {}
-    return simulate(Pendulum(), observer, x0=START, xhat0=GUESS, ts=ts, signal=control(), **with_noise)
+def run(
+    observer: Observer, *, noisy: bool = False, end: float = END, period: float = PERIOD, guess: Numbers = GUESS
+) -> Trajectory:
+    """The pendulum from START and an observer from `guess`, in its precision; the noise, if any, is held for one period."""
+    plant, signal, hiss = astype((Pendulum(), control(), noise()), dtype_of(observer))
+    with_noise = {"noise": hiss, "key": jax.random.key(0)} if noisy else {}
+    return simulate(plant, observer, x0=START, xhat0=guess, ts=np.arange(0.0, end, period), signal=signal, **with_noise)
 
 
 def rmse_of_x2(family: Any, seeds: int) -> np.ndarray:

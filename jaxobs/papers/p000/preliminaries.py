@@ -38,7 +38,9 @@ def _():
         middle = exact.block([[schur, exact.zeros(2, 2)], [exact.zeros(2, 2), exact.scale(Fraction(-1), q)]])
         whole = exact.block([[m, exact.transpose(n)], [n, exact.scale(Fraction(-1), q)]])
         agree += whole == exact.product(exact.transpose(t), exact.product(middle, t))
-    return Statement(agree == 20, agree, f"the congruence that proves it, exactly, for {agree} of 20 rational matrices")
+    return Statement(
+        agree == 20, f"{agree} of 20", f"the congruence that proves it, exactly, for {agree} of 20 rational matrices"
+    )
 
 
 @PAPER.claim("(1) Lemma 2", "universal", printed="gamma int w'M w >= (int w)' M (int w)")
@@ -48,7 +50,9 @@ def _():
     k = [[Fraction(1, i + j + 1) - Fraction(1, (i + 1) * (j + 1)) for j in range(1, size)] for i in range(1, size)]
     degree = size - 1
     why = f"for polynomials of degree {degree} the gap is a quadratic form with the positive definite kernel K (x) M, exactly"
-    return Statement(exact.is_positive_definite(k), degree, why + "; equality for constant w; polynomials are dense")
+    return Statement(
+        exact.is_positive_definite(k), f"degree {degree}", why + "; equality for constant w; polynomials are dense"
+    )
 
 
 @PAPER.claim("(60)", "universal", printed="Z1'Z2 + Z2'Z1 <= eps Z1'Z1 + Z2'Z2 / eps")
@@ -65,4 +69,6 @@ def _():
         )
         root = exact.subtract(exact.scale(eps, one), two)
         agree += exact.subtract(squares, left) == exact.scale(1 / eps, exact.product(exact.transpose(root), root))
-    return Statement(agree == 20, agree, "the difference is a square; the matrices need be neither symmetric nor square")
+    return Statement(
+        agree == 20, f"{agree} of 20", "the difference is a square; the matrices need be neither symmetric nor square"
+    )

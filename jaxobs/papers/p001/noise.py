@@ -1,5 +1,6 @@
 """What Section 2.1 says of noise: the claims on mu and q in ordinary units, at equal mu, equal bias, equal bandwidth."""
 
+import itertools
 import math
 
 import numpy as np
@@ -12,6 +13,7 @@ from jaxobs.designs.tracker import (
     response,
     tracker_gains,
 )
+from jaxobs.linalg import tracker_steady, tracker_structure
 from jaxobs.papers.claims import Statement
 from jaxobs.papers.p001.paper import PAPER
 
@@ -23,7 +25,7 @@ def _listed(values: list[list[float]]) -> str:
 
 
 def _falling(values: list[list[float]]) -> bool:
-    return all(b < a for row in values for a, b in zip(row, row[1:], strict=False))
+    return all(b < a for row in values for a, b in itertools.pairwise(row))
 
 
 def _white(ratio) -> list[list[float]]:
@@ -39,7 +41,8 @@ def _():
     gains = tracker_gains(3, 1)
     grow = gains.worst[1] * (200 / 20)
     why = (
-        "Said of the norm of H_inf, which itself shrinks with mu. In ordinary units the error of xhat_i grows like mu^(i-1) under "
+        "Said of the norm of H_inf, which itself shrinks with mu. In ordinary units the error of xhat_i grows like mu^(i-1) "
+        "under "
         f"bounded noise and mu^(i-1/2) under white noise, whatever q: n = 3, q = 1, |d| <= 1, xhat_2 errs by up to "
         f"{gains.worst[1] * 20:.4g} at mu = 20 and {gains.worst[1] * 200:.4g} at 200; the ratio is shown."
     )
@@ -50,8 +53,10 @@ def _():
 def _():
     ratio = [w**2 for w in tracker_gains(3, 0).white]
     why = (
-        "As mu^(2i-1) in the variance of xhat_i under white noise, without (q = 0) and with integrators alike. Shown: the variance "
-        f"of xhat_3 at mu = 200 over that at mu = 20; at mu = 1 the variances of q = 0 are {', '.join(f'{r:.4g}' for r in ratio)}."
+        "As mu^(2i-1) in the variance of xhat_i under white noise, without (q = 0) and with integrators alike. Shown: the "
+        "variance "
+        "of xhat_3 at mu = 200 over that at mu = 20; at mu = 1 the variances of q = 0 are "
+        f"{', '.join(f'{r:.4g}' for r in ratio)}."
     )
     return Statement(True, (200 / 20) ** 5.0, why)
 
@@ -79,7 +84,8 @@ def _():
     table = _white(equal_bias)
     rates = [[equal_bias(N, q, i) for q in ORDERS] for i in range(1, N + 1)]
     why = (
-        f"At mu_q that gives xhat_i the bias of q = 0 (mu_q / mu_0: {_listed(rates)}): {_listed(table)} of the rms error of q = 0. "
+        f"At mu_q that gives xhat_i the bias of q = 0 (mu_q / mu_0: {_listed(rates)}): {_listed(table)} of the rms error of q "
+        "= 0. "
         f"q = 1 is worth at most {1 - min(row[1] for row in table):.1%} and q = 2 less than q = 1."
     )
     return Statement(_falling(table), min(row[1] for row in table), why)
@@ -91,7 +97,8 @@ def _():
     rates = [[equal_bandwidth(N, q, i) for q in ORDERS] for i in range(1, N + 1)]
     first = [[relative_white(N, q, i, equal_bandwidth(N, q, 1)) for q in ORDERS] for i in range(1, N + 1)]
     why = (
-        f"At the mu_q with the same -3 dB point of Xhat_i / (s^(i-1) Y) (mu_q / mu_0: {_listed(rates)}): {_listed(table)}; at one "
+        f"At the mu_q with the same -3 dB point of Xhat_i / (s^(i-1) Y) (mu_q / mu_0: {_listed(rates)}): {_listed(table)}; at "
+        "one "
         f"mu_q for all, that of xhat_1: {_listed(first)}. What q is worth depends on whose bandwidth is kept."
     )
     return Statement(_falling(table), table[0][1], why)
@@ -101,7 +108,8 @@ def _():
 def _():
     equal, bias, band = (_tone(ratio) for ratio in (lambda n, q, i: 1.0, equal_bias, equal_bandwidth))
     why = (
-        f"A tone at 20 mu_0, amplitude over that of q = 0: equal mu {_listed(equal)}; equal bias {_listed(bias)}; equal bandwidth "
+        f"A tone at 20 mu_0, amplitude over that of q = 0: equal mu {_listed(equal)}; equal bias {_listed(bias)}; equal "
+        "bandwidth "
         f"{_listed(band)}. True of tones well above the bandwidth, by every measure: the roll-off is 20 (q+1) dB a decade."
     )
     return Statement(all(map(_falling, (equal, bias, band))), 1 / bias[0][1], why)
@@ -109,8 +117,6 @@ def _():
 
 @PAPER.claim("transfer functions", "identity", printed="(4) in steady state")
 def _():
-    from jaxobs.linalg import tracker_steady, tracker_structure
-
     off, mu, n, q = 0.0, 3.0, 3, 2
     (a, _, b), size = tracker_structure(n, q), n + q
     closed = a - np.outer(np.linalg.solve(tracker_steady(n, q, mu), np.eye(size)[0]), np.eye(size)[0])
@@ -119,7 +125,8 @@ def _():
         ours = [float(response(n, q, i, np.asarray(omega / mu))) * mu ** (i - 1) for i in range(1, n + 1)]
         off = max(off, float(np.max(np.abs(np.asarray(ours) / whole - 1))))
     why = (
-        "Not printed: Xhat_i / Y = s^(i-1) sum_{j<=n-i} C(N,j) mu^(N-j) s^j / (s+mu)^N. Shown: the largest relative difference from "
+        "Not printed: Xhat_i / Y = s^(i-1) sum_{j<=n-i} C(N,j) mu^(N-j) s^j / (s+mu)^N. Shown: the largest relative difference "
+        "from "
         "the resolvent (n = 3, q = 2, mu = 3)."
     )
     return Statement(off < 1e-9, off, why)
@@ -130,7 +137,8 @@ def _():
     gains = [float(response(N, q, 1, np.asarray(0.0))) for q in ORDERS]
     listed = ", ".join(f"{g:g}" for g in gains)
     why = (
-        f"Against fast ones. A constant offset of y passes to xhat_1 with the gain 1 for every q (q = 0..3: {listed}); below the "
+        f"Against fast ones. A constant offset of y passes to xhat_1 with the gain 1 for every q (q = 0..3: {listed}); below "
+        "the "
         "bandwidth noise cannot be told from signal."
     )
     return Statement(max(gains) < 1, max(gains), why)
@@ -150,7 +158,8 @@ def _():
     worst, bias = tracker_gains(N, 1).worst_bias, tracker_gains(N, 1).bias
     why = (
         "Of the part of the error that the signal causes: mu^-(n-i+1), and never more than under a constant y^(n) (worst "
-        f"{', '.join(f'{w:.6g}' for w in worst)}, constant {', '.join(f'{b:g}' for b in bias)}; n = 3, q = 1). Shown: error of xhat_1 "
+        f"{', '.join(f'{w:.6g}' for w in worst)}, constant {', '.join(f'{b:g}' for b in bias)}; n = 3, q = 1). Shown: error of "
+        "xhat_1 "
         "at mu = 200 over that at 20. The noise's part grows: see best_rate for the balance."
     )
     return Statement(bool(np.allclose(worst, bias)), ratio, why)

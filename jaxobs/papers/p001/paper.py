@@ -1,5 +1,6 @@
 """Paper 001 and what its rows share."""
 
+import math
 from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
@@ -16,7 +17,17 @@ from jaxobs.papers.claims import Paper
 
 PAPER = Paper("001", "Ibrir, Robust nonpeaking algebraic observers")
 
-SIZES = ((1, 0), (2, 0), (3, 0), (5, 0), (1, 1), (2, 1), (3, 1), (3, 2), (4, 3))  # the (n, q) at which identities are recomputed
+SIZES = (
+    (1, 0),
+    (2, 0),
+    (3, 0),
+    (5, 0),
+    (1, 1),
+    (2, 1),
+    (3, 1),
+    (3, 2),
+    (4, 3),
+)  # the (n, q) at which identities are recomputed
 
 
 def structure(n: int, q: int) -> tuple[exact.Matrix, exact.Matrix, exact.Matrix]:
@@ -29,13 +40,21 @@ def structure(n: int, q: int) -> tuple[exact.Matrix, exact.Matrix, exact.Matrix]
     return a, b, [[Fraction(int(j == 0)) for j in range(size)]]
 
 
+def nilpotent_exponential(a: exact.Matrix, dt: Fraction) -> exact.Matrix:
+    """e^{A dt} of a nilpotent A, exact."""
+    total, term = exact.identity(len(a)), exact.identity(len(a))
+    for k in range(1, len(a)):
+        term = exact.scale(dt / k, exact.product(term, a))
+        total = exact.add(total, term)
+    return total
+
+
 def steady(n: int, q: int, mu: Fraction) -> exact.Matrix:
     """H_inf exactly: (-1)^{i+j} s_i s_j C(i+j-2, i-1) / mu^{i+j-1}, s = +1 on xi and -1 on xhat if q > 0."""
-    from math import comb
 
     sign = [1 if i < q or q == 0 else -1 for i in range(n + q)]
     return [
-        [Fraction((-1) ** (i + j) * sign[i] * sign[j] * comb(i + j, i)) / mu ** (i + j + 1) for j in range(n + q)]
+        [Fraction((-1) ** (i + j) * sign[i] * sign[j] * math.comb(i + j, i)) / mu ** (i + j + 1) for j in range(n + q)]
         for i in range(n + q)
     ]
 

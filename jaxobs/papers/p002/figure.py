@@ -15,7 +15,6 @@ from jaxobs.papers.claims import Statement, Value
 from jaxobs.papers.p002 import shared
 from jaxobs.papers.p002.paper import NOISE, PAPER, X0, XHAT0, N
 from jaxobs.papers.pictures import Line, Panel, Picture
-from jaxobs.plants import SineChain
 
 SAMPLING, HORIZON, SETTLED = 1e-3, 10.0, 6.0  # s: the noise is drawn anew and held at this period; errors counted after SETTLED
 RK4_LIMIT = 2.785293563405282  # |lambda| dt on the negative real axis
@@ -29,12 +28,12 @@ def _gain(j0: int) -> np.ndarray:
 @functools.cache
 def runs() -> Trajectory:
     """All six observers on the same plant and noise; every array has a leading axis j0 = 0..5."""
-    plant, ts = SineChain(1.0, N), np.arange(0, HORIZON + SAMPLING / 2, SAMPLING)
+    plant, ts = shared.plant(), np.arange(0, HORIZON + SAMPLING / 2, SAMPLING)
 
     def one(gain):
         return simulate(
             plant, Luenberger(plant, gain[:, None]), x0=X0, xhat0=XHAT0, ts=ts,
-            noise=Gaussian(NOISE), key=jax.random.key(2), integrator=Exponential(),
+            noise=Gaussian(jnp.asarray(NOISE)), key=jax.random.key(2), integrator=Exponential(),
         )  # fmt: skip
 
     return jax.vmap(one)(jnp.asarray(np.stack([_gain(j0) for j0 in range(N + 1)])))
@@ -52,7 +51,8 @@ def _():
     table = dict(enumerate(errors()))
     late = "; ".join(f"j0 = {j0}: {one[0]:.2g}, {one[2]:.2g}, {one[4]:.2g}" for j0, one in table.items())
     why = (
-        f"RMS error of x_1, x_3, x_5 over t in [{SETTLED:g}, {HORIZON:g}], noise {NOISE} redrawn and held every {SAMPLING:g} s (the paper "
+        f"RMS error of x_1, x_3, x_5 over t in [{SETTLED:g}, {HORIZON:g}], noise {NOISE} redrawn and held every {SAMPLING:g} "
+        "s (the paper "
         f"leaves it open): {late}; j0 = 0..3 with the printed gains, 4 and 5 with ours"
     )
     return Statement(all(bool(np.all(table[j0] < table[0])) for j0 in (1, 2, 3)), float(table[0][-1] / table[1][-1]), why)
@@ -63,7 +63,8 @@ def _():
     ratios = errors()[:4] / np.stack([_white_noise(_gain(j0)) for j0 in range(4)])
     why = (
         f"the period T is not printed, and the errors grow like its square root: sigma sqrt(T X_ii) with A X + X A' + L L' = 0 "
-        f"predicts {ratios.min():.2f} to {ratios.max():.2f} of the RMS errors measured at T = {SAMPLING:g} s (all x_i, j0 = 0..3)"
+        f"predicts {ratios.min():.2f} to {ratios.max():.2f} of the RMS errors measured at T = {SAMPLING:g} s (all x_i, j0 = "
+        "0..3)"
     )
     return Statement(None, float(np.median(ratios)), why)
 
@@ -79,7 +80,10 @@ def _white_noise(gain: np.ndarray) -> np.ndarray:
 def _():
     gain = shared.gain(shared.row(0, 100))
     fastest = float(np.abs(np.linalg.eigvals(_error_matrix(gain))).max())
-    why = f"its fastest pole is at {fastest:.4g} /s, so classical Runge-Kutta needs steps below {RK4_LIMIT / fastest:.3g} s (the exponential integrator any)"
+    why = (
+        f"its fastest pole is at {fastest:.4g} /s, so classical Runge-Kutta needs steps below {RK4_LIMIT / fastest:.3g} s "
+        "(the exponential integrator any)"
+    )
     return Statement(True, RK4_LIMIT / fastest, why)
 
 
@@ -103,7 +107,8 @@ def figure1() -> Picture:
             lines.append(Line(label, ts, np.maximum(gaps[j0, :, i], 1e-6), faint=j0 == 0))
         panels.append(Panel(f"x_{i + 1}", "t [s]", f"|error of x_{i + 1}|", tuple(lines), yscale="log"))
     caption = (
-        f"Paper 002, figure 1: k_f = 1, x(0) = (1, ..., 1), xhat(0) = (5, ..., 5), noise {NOISE} held for {SAMPLING:g} s (our choice), "
+        f"Paper 002, figure 1: k_f = 1, x(0) = (1, ..., 1), xhat(0) = (5, ..., 5), noise {NOISE} held for {SAMPLING:g} s "
+        "(our choice), "
         "printed gains for the standard observer and j0 = 1, 2, 3; j0 = 4, 5 designed here."
     )
     return Picture("002-figure-1", caption, tuple(panels))

@@ -1,18 +1,18 @@
 """Section II: the lemmas, the chain, the standard high-gain observer, (1)-(16)."""
 
+import itertools
 from fractions import Fraction
 
 import jax.numpy as jnp
 import numpy as np
 
-from jaxobs.designs import chain_lmi
+from jaxobs.designs import chain_lmi, chain_proofs
 from jaxobs.designs.high_gain_lmi import high_gain_lmi, standard_high_gain
 from jaxobs.designs.slopes import auxiliary, slopes
 from jaxobs.observers import Luenberger
 from jaxobs.papers.claims import Bound, Statement, Value
 from jaxobs.papers.p002 import shared
 from jaxobs.papers.p002.paper import PAPER, N
-from jaxobs.plants import SineChain
 
 
 def kinked(x):
@@ -40,7 +40,7 @@ def rational_points(count: int, n: int, seed: int = 2):
 def _():
     x, z = np.arange(1.0, 6.0), -np.arange(1.0, 6.0)
     path = [auxiliary(x, z, i) for i in range(N + 1)]
-    steps = [int(np.sum(a != b)) for a, b in zip(path, path[1:], strict=False)]
+    steps = [int(np.sum(a != b)) for a, b in itertools.pairwise(path)]
     holds = bool(np.all(path[0] == x) and np.all(path[-1] == z) and steps == [1] * N)
     return Statement(holds, float(max(steps)), "each step from X to Z moves one coordinate")
 
@@ -64,10 +64,10 @@ def _():
         largest = max(largest, float(max(abs(p) for p in psi.ravel())))
         gap = max(gap, *(abs(one) for one in kinked(x) - kinked(z) - psi @ (x - z)))
     why = (
-        "two neighbours X^{Z_{j-1}}, X^{Z_j} differ in x_j alone, so each slope is at most the Lipschitz constant; 200 rational "
-        "pairs of |.|, saturation and dead zone, in exact arithmetic"
+        "two neighbours X^{Z_{j-1}}, X^{Z_j} differ in x_j alone, so each slope is at most the Lipschitz constant; 200 "
+        "rational pairs of |.|, saturation and dead zone, in exact arithmetic"
     )
-    return Statement(gap == 0 and largest <= 2.0, largest, why)
+    return Statement(bool(gap == 0 and largest <= 2.0), largest, why)
 
 
 @PAPER.claim("lemma 2, converse", "universal", printed="(4)-(5) => Lipschitz with the same gamma")
@@ -75,10 +75,10 @@ def _():
     psi = slopes(lambda v: np.full(N, v.sum()), np.ones(N), np.zeros(N), np.tile([-1.0, 1.0], (N, N, 1)))
     ratio = float(np.linalg.norm(psi @ np.ones(N)) / np.linalg.norm(np.ones(N)))
     why = (
-        f"Psi(X) = (x_1 + ... + x_n) (1, ..., 1)' has all psi_ij = 1 = gamma and the Lipschitz constant n = {ratio:.6g}; the items "
-        "are equivalent for some gamma each, and (4)-(5) give n gamma in the Euclidean norm"
+        f"Psi(X) = (x_1 + ... + x_n) (1, ..., 1)' has all psi_ij = 1 = gamma and the Lipschitz constant n = {ratio:.6g}; the "
+        "items are equivalent for some gamma each, and (4)-(5) give n gamma in the Euclidean norm"
     )
-    return Statement(ratio <= 1, ratio, why)
+    return Statement(bool(ratio <= 1), ratio, why)
 
 
 @PAPER.claim("lemma 2, components of Psi", "value", printed="1")
@@ -86,7 +86,9 @@ def _():
     x, z = np.ones(N), np.zeros(N)
     psi = slopes(lambda v: v**2, x, z)
     total = sum(psi[i, j] * np.outer(np.eye(N)[i], np.eye(N)[j]) @ (x - z) for i in range(N) for j in range(N))
-    return Value(float(len(total)), f"the right side of (4) is a vector of n components (n = {N} here): Psi maps R^n to R^n")
+    return Value(
+        float(np.size(total)), f"the right side of (4) is a vector of n components (n = {N} here): Psi maps R^n to R^n"
+    )
 
 
 @PAPER.claim("(7) gamma_f", "bound", printed="1")
@@ -98,13 +100,10 @@ def _():
 @PAPER.claim("(10) error dynamics", "identity", printed="e' = (A - LC) e + B (f(x) - f(xhat))")
 def _():
     x, xhat, dx, dxhat, gain = _moment()
-    f = SineChain(1.0, N).phi
     a, b = np.eye(N, k=1), np.eye(N)[-1]
-    right = (a - np.outer(gain, np.eye(N)[0])) @ (x - xhat) + b * (
-        float(f(jnp.asarray(x), None)) - float(f(jnp.asarray(xhat), None))
-    )
+    right = (a - np.outer(gain, np.eye(N)[0])) @ (x - xhat) + b * (_phi(x) - _phi(xhat))
     gap = float(np.abs(dx - dxhat - right).max())
-    return Statement(gap < 1e-9, gap)
+    return Statement(bool(gap < 1e-9), gap)
 
 
 @PAPER.claim("(13) scaled error dynamics", "identity", printed="ehat' = theta (A - KC) ehat + theta^-n B Delta f")
@@ -112,23 +111,26 @@ def _():
     x, xhat, dx, dxhat, gain = _moment()
     t = THETA ** np.arange(1, N + 1)
     k, e = gain / t, (x - xhat) / t
-    f = SineChain(1.0, N).phi
-    change = float(f(jnp.asarray(x), None)) - float(f(jnp.asarray(x - t * e), None))
+    change = _phi(x) - _phi(x - t * e)
     right = THETA * (np.eye(N, k=1) - np.outer(k, np.eye(N)[0])) @ e + np.eye(N)[-1] * change / THETA**N
     gap = float(np.abs((dx - dxhat) / t - right).max())
-    return Statement(gap < 1e-9, gap, f"at theta = {THETA}")
+    return Statement(bool(gap < 1e-9), gap, f"at theta = {THETA}")
 
 
 THETA = 3.0
+
+
+def _phi(x: np.ndarray) -> float:
+    return float(shared.plant().phi(jnp.asarray(x), jnp.zeros((0,))))
 
 
 def _moment():
     """(x, xhat, x', xhat', L) at one moment of the example and its observer (9)."""
     rng = np.random.default_rng(0)
     x, xhat = rng.normal(size=(2, N))
-    plant = SineChain(1.0, N)
+    plant = shared.plant()
     gain = np.array(shared.row(1, 1).gain) * THETA ** np.arange(1, N + 1)
-    observer = Luenberger(plant, gain[:, None])
+    observer = Luenberger(plant, jnp.asarray(gain[:, None]))
     u, t = jnp.zeros((0,)), jnp.asarray(0.0)
     dx = np.asarray(plant.flow(t, jnp.asarray(x), u))
     dxhat = np.asarray(observer.flow(t, jnp.asarray(xhat), u, jnp.asarray(x[:1])))
@@ -145,10 +147,11 @@ def _():
 
 @PAPER.claim("(15)-(16) theorem 2.1", "universal", printed="the error is asymptotically stable")
 def _():
-    _, proof = standard_high_gain(SineChain(1.0, N), bounds=shared.bounds(1), constant=1.0)
+    _, proof = standard_high_gain(shared.plant(), bounds=shared.bounds(1), constant=1.0)
     verdict = proof.verify()
     why = (
-        f"V = ehat'P ehat decreases by (15) and (14); certified in exact arithmetic for the example at theta = {proof.theta:.6g} "
+        "V = ehat'P ehat decreases by (15) and (14); certified in exact arithmetic for the example at theta = "
+        f"{proof.theta:.6g} "
         f"(V at the rate {2 * verdict.margins['decay_rate']:.3g} /s)"
     )
     return Statement(verdict.holds, verdict.margins["decay_rate"], why)
@@ -158,12 +161,12 @@ def _():
 def _():
     sizes, edge = [], shared.smallest(shared.row(0, 1))
     for excess in (1.1, 1.01, 1.001):
-        observer, proof = high_gain_lmi(SineChain(1.0, N), bounds=shared.bounds(1), theta=excess * edge.theta, constant=1.0)
+        observer, proof = high_gain_lmi(shared.plant(), bounds=shared.bounds(1), theta=excess * edge.theta, constant=1.0)
         sizes.append(float(np.linalg.norm(np.asarray(observer.gain)[:, 0] / proof.theta ** np.arange(1, N + 1))))
     why = (
-        f"not stated as such, but K is printed as if unique: the infimum of theta, {edge.theta:.6g} with the printed k_f, is not "
-        f"attained; 10 %, 1 % and 0.1 % above it |K| = {sizes[0]:.3g}, {sizes[1]:.3g}, {sizes[2]:.3g}, so a printed K reflects "
-        "the solver's tolerance"
+        f"not stated as such, but K is printed as if unique: the infimum of theta, {edge.theta:.6g} with the printed k_f, is "
+        f"not attained; 10 %, 1 % and 0.1 % above it |K| = {sizes[0]:.3g}, {sizes[1]:.3g}, {sizes[2]:.3g}, so a printed "
+        "K reflects the solver's tolerance"
     )
     return Statement(None, sizes[-1], why)
 
@@ -176,10 +179,11 @@ def _():
 @PAPER.claim("LPV/LMI is the best LMI technique", "universal", printed="the best LMI technique")
 def _():
     proof = shared.design(2)
-    same = chain_lmi.certify(shared.bounds(1), N, proof.theta, proof.gain)
+    same = chain_proofs.certify(shared.bounds(1), N, proof.theta, proof.gain)
     rate = same.verify().margins["decay_rate"] if same else float("nan")
     why = (
-        "among the methods of this paper its feasible set is never the smaller one: a solution of (31)-(32) proves V' < 0 on the "
-        f"full box (checked for j0 = 2: a certificate at all 32 corners, rate {rate:.3g} /s); among all LMI techniques: open"
+        "among the methods of this paper its feasible set is never the smaller one: a solution of (31)-(32) proves V' < 0 on "
+        f"the full box (checked for j0 = 2: a certificate at all 32 corners, rate {rate:.3g} /s); among all LMI "
+        "techniques: open"
     )
     return Statement(None, rate, why)

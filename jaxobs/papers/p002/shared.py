@@ -3,10 +3,11 @@
 import dataclasses
 import functools
 
+import jax.numpy as jnp
 import numpy as np
 
 from jaxobs.certificates import HighGainLmi, NoHighGainLmi
-from jaxobs.designs import chain_lmi
+from jaxobs.designs import chain_lmi, chain_proofs
 from jaxobs.designs.chain_lmi import SmallestTheta
 from jaxobs.designs.high_gain_lmi import high_gain_lmi
 from jaxobs.papers.claims import half_digit
@@ -14,9 +15,14 @@ from jaxobs.papers.p002.paper import TABLE, N, Printed
 from jaxobs.plants import SineChain
 
 
-def bounds(k_f: float, n: int = N) -> np.ndarray:
+def bounds(k_f: float | int, n: int = N) -> np.ndarray:
     """Of the slopes of f = k_f/n sum sin(x_i): each in [-k_f/n, k_f/n]."""
     return np.array([[-k_f / n, k_f / n]] * n)
+
+
+def plant(k_f: float | int = 1.0) -> SineChain:
+    """The example of section IV."""
+    return SineChain(jnp.asarray(float(k_f)), N)
 
 
 def printed_constant(row: Printed) -> float:
@@ -50,15 +56,15 @@ def refuted(one: Printed, own_gain: bool, sharp: bool = False) -> NoHighGainLmi 
     """The exact proof that (31)-(32) fail at the largest theta that rounds to the printed one, for the printed K or for any."""
     theta = sum(half_digit(one.theta))
     constant = None if sharp else printed_constant(one)
-    return chain_lmi.refute(bounds(one.k_f), one.j0, theta, gain=one.gain if own_gain else None, constant=constant)
+    return chain_proofs.refute(bounds(one.k_f), one.j0, theta, gain=one.gain if own_gain else None, constant=constant)
 
 
 @functools.cache
 def full_box(one: Printed) -> HighGainLmi | NoHighGainLmi | None:
     """A proof for the printed L at all 2^5 corners with any P, or a proof that there is none."""
     theta = float(one.theta)
-    proof = chain_lmi.certify(bounds(one.k_f), N, theta, gain(one))
-    return proof or chain_lmi.refute(bounds(one.k_f), N, theta, gain=one.gain)
+    proof = chain_proofs.certify(bounds(one.k_f), N, theta, gain(one))
+    return proof or chain_proofs.refute(bounds(one.k_f), N, theta, gain=one.gain)
 
 
 def nominal(one: Printed) -> float:
@@ -83,14 +89,14 @@ def one_corner(one: Printed) -> float:
 @functools.cache
 def design(j0: int) -> HighGainLmi:
     """The certificate of `high_gain_lmi` for the example with k_f = 1."""
-    return high_gain_lmi(SineChain(1.0, N), bounds=bounds(1), j0=j0)[1]
+    return high_gain_lmi(plant(), bounds=bounds(1), j0=j0)[1]
 
 
 @functools.cache
 def at_one(k_f: int) -> HighGainLmi:
     """The LPV/LMI design (j0 = n) at a power of two, carried over to theta = sigma = 1 without rounding."""
     theta = 2.0 ** np.ceil(np.log2(1 + k_f / N))
-    _, proof = high_gain_lmi(SineChain(float(k_f), N), bounds=bounds(k_f), j0=N, theta=float(theta))
+    _, proof = high_gain_lmi(plant(k_f), bounds=bounds(k_f), j0=N, theta=float(theta))
     t = theta ** np.arange(1, N + 1)
     p = np.array(proof.p) / np.outer(t, t)
     lam = proof.lam * theta / t[-1] ** 2  # of theta T^-1 lam T^-1 >= theta lam theta^-2n I

@@ -1,5 +1,7 @@
 """Table I of paper 002, row by row: what the printed gains need, what any gain needs, and what reproduces the print."""
 
+import numpy as np
+
 from jaxobs.certificates import HighGainLmi, NoHighGainLmi
 from jaxobs.designs import chain_lmi
 from jaxobs.papers.claims import Bound, Point, Statement, Value, half_digit
@@ -10,8 +12,9 @@ from jaxobs.papers.p002.paper import PAPER, TABLE, N, Printed
 def _register(one: Printed) -> None:
     upper = sum(half_digit(one.theta))
     count = 2**one.j0
+    slow = one.j0 * one.k_f >= 10 or one.j0 >= 2  # seconds each
 
-    @PAPER.claim(f"{one.name} theta, all corners", "feasible", printed=one.theta)
+    @PAPER.claim(f"{one.name} theta, all corners", "feasible", printed=one.theta, long=slow)
     def _():
         found = shared.needed(one)
         sharp = shared.needed(one, sharp=True)
@@ -30,13 +33,14 @@ def _register(one: Printed) -> None:
         holds = found.theta <= upper
         if not holds and shared.refuted(one, True) is None:
             raise ArithmeticError(f"{one.name}: neither proved nor refuted")
-        return Point(holds, found.theta, why + ("" if holds else "; refuted at the printed theta in exact arithmetic"))
+        why += "" if holds else "; refuted at the printed theta in exact arithmetic"
+        return Point(holds, found.theta if np.isfinite(found.theta) else None, why)
 
-    @PAPER.claim(f"{one.name} smallest theta, printed k", "bound", printed=one.theta)
+    @PAPER.claim(f"{one.name} smallest theta, printed k", "bound", printed=one.theta, long=slow)
     def _():
         return _attainable(one, sharp=False)
 
-    @PAPER.claim(f"{one.name} smallest theta, sharp k", "bound", printed=one.theta)
+    @PAPER.claim(f"{one.name} smallest theta, sharp k", "bound", printed=one.theta, long=slow)
     def _():
         return _attainable(one, sharp=True)
 
@@ -53,8 +57,8 @@ def _register(one: Printed) -> None:
                 worst = shared.frozen(one)
                 state = f"the worst of psi = 0 and the frozen corners has max Re = {worst:.4g} /s"
                 why = (
-                    f"no common P exists for the printed L on the full box (exact proof), so neither theorem 3.3 nor LPV/LMI can "
-                    f"prove it; {state}" + (", so stability as such is open" if worst < 0 else ": unstable there")
+                    "no common P exists for the printed L on the full box (exact proof), so neither theorem 3.3 nor LPV/LMI "
+                    f"can prove it; {state}" + (", so stability as such is open" if worst < 0 else ": unstable there")
                 )
                 return Statement(False, worst, why)
         return Statement(None, "", "neither a proof nor a refutation was found")
@@ -63,10 +67,11 @@ def _register(one: Printed) -> None:
     def _():
         worst = shared.nominal(one)
         why = "" if worst < 0 else (
-            f"max Re(A - K C) = {worst:+.4f}, times theta {worst * float(one.theta):+.3f} /s: with the printed K the error of a "
+            f"max Re(A - K C) = {worst:+.4f}, times theta {worst * float(one.theta):+.3f} /s: with the printed K the error "
+            "of a "
             "plant with slopes 0 grows; an entry may be lost, or a corner (all slopes positive) was the only one imposed"
         )  # fmt: skip
-        return Statement(worst < 0, worst, why)
+        return Statement(bool(worst < 0), worst, why)
 
     @PAPER.claim(f"{one.name} all-plus corner", "feasible", printed=one.theta)
     def _():
@@ -77,7 +82,7 @@ def _register(one: Printed) -> None:
             else f"(31) at the corner psi = +k_f/5 alone (of {count}), sigma = {one.sigma}"
         )
         why = f"{where}: the printed K needs theta = {found:.6g}, which is how the printed value comes out"
-        return Point(found <= upper, found, why)
+        return Point(bool(found <= upper), found, why)
 
     if one.j0:
 
@@ -89,12 +94,12 @@ def _register(one: Printed) -> None:
         def _():
             rows = chain_lmi.corners(shared.bounds(one.k_f), one.j0, float(one.sigma))
             reach = chain_lmi.largest_lambda(rows)
-            own = chain_lmi.largest_lambda(rows, one.gain).attained
+            own = chain_lmi.largest_lambda(rows, np.array(one.gain)).attained
             why = (
-                f"(31) has a solution at sigma = {one.sigma} (largest lam with P <= I: {reach.attained:.4g}); for the printed K "
-                + (f"too ({own:.4g})" if own > 1e-9 else "none was found")
+                f"(31) has a solution at sigma = {one.sigma} (largest lam with P <= I: {reach.attained:.4g}); for the "
+                "printed K " + (f"too ({own:.4g})" if own > 1e-9 else "none was found")
             )
-            return Point(reach.attained > 0, None, why)
+            return Point(bool(reach.attained > 0), None, why)
 
 
 def _attainable(one: Printed, sharp: bool) -> Bound:

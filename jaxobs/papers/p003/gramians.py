@@ -4,14 +4,13 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial import Chebyshev
 
-import jaxobs._simulate as simulation
 from jaxobs.excitation import fading_gramians, window_gramians
 from jaxobs.excitation.gramian import pair_of
 from jaxobs.observers import Lyapunov
 from jaxobs.papers.claims import Statement
 from jaxobs.papers.p003.inputs import INPUTS
 from jaxobs.papers.p003.paper import PAPER
-from jaxobs.papers.p003.runs import classified
+from jaxobs.papers.p003.runs import classified, solve_s
 from jaxobs.plants import FieldMotor, GatedChain, IntegratorChain
 
 NONE = np.zeros(0)
@@ -74,7 +73,8 @@ def _():
     pair = pair_of("p003", GatedChain(), INPUTS["1"].signal)
     value = float(window_gramians(pair, np.asarray([1.0]), theta, NONE).full()[0, 0, 1, 1] * theta**3)
     why = (
-        "theta is a rate, so t >= theta compares a time with 1/time; definition 1 says t >= max{1/theta_0, t_0}, and (16) follows on "
+        "theta is a rate, so t >= theta compares a time with 1/time; definition 1 says t >= max{1/theta_0, t_0}, and "
+        "(16) follows on "
         f"that domain: for u = 1, theta = 32, t = 1 (below theta) theta^3 psi_22 = {value:.6f}. With the printed domain no "
         "fixed t would be covered as theta grows. The same holds after (18)"
     )
@@ -112,7 +112,10 @@ def _():
     regular = [name for name in INPUTS if classified(name).locally_regular and not INPUTS[name].breaks]
     lowest = min(float(classified(name).lowest[0]) for name in regular)
     holds = all(classified(name).constant_gain for name in regular) and lowest > 0
-    why = f"of the continuous inputs {', '.join(regular)} are locally regular; |a_1| >= {lowest:.4g} for them, without a change of sign"
+    why = (
+        f"of the continuous inputs {', '.join(regular)} are locally regular; |a_1| >= {lowest:.4g} for them, without a "
+        f"change of sign"
+    )
     return Statement(holds, lowest, why)
 
 
@@ -124,29 +127,18 @@ def _():
     return Statement(holds, float(found.regularity.worst[-1]), why)
 
 
-def _solution(theta: float, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """S(t) by (19) from S(0) = I for u = cos t on example 1; Psi(t); Phi(0, t)'Phi(0, t)."""
-    plant, signal = GatedChain(), INPUTS["cos t"].signal
-    observer = Lyapunov(plant, theta, 1.0)
-    steps = np.linspace(0, t, 4001)
-    z = observer.init(jnp.zeros(2))
-    s = simulation.RK4()
-    field = simulation.Field(lambda t, z: observer.flow(t, z, signal(t), jnp.zeros(1)))
-
-    def body(z, k):
-        return s.step(field, None, k * (t / 4000), jnp.asarray(t / 4000), z), None
-
-    z, _ = simulation.jax.lax.scan(body, z, jnp.arange(4000.0))
-    psi = fading_gramians(pair_of("p003", plant, signal), np.linspace(0, t, 201), np.asarray([theta])).full()[-1, 0]
-    assert len(steps) == 4001
-    back = np.asarray([[1.0, -np.sin(t)], [0.0, 1.0]])  # Phi(0, t): int_0^t cos = sin t
-    return np.asarray(z[1]), psi, np.exp(-theta * t) * back.T @ back
+def _first_term(theta: float, t: float) -> np.ndarray:
+    """e^{-theta t} Phi(0,t)'S(0)Phi(0,t) for u = cos t on example 1 and S(0) = I: int_0^t cos = sin t."""
+    back = np.asarray([[1.0, -np.sin(t)], [0.0, 1.0]])
+    return np.exp(-theta * t) * back.T @ back
 
 
 @PAPER.claim("(19)-(20) solution", "identity", printed="S = e^{-theta t} Phi'S(0)Phi + int ...")
 def _():
-    s, psi, start = _solution(3.0, 2.0)
-    residual = float(np.max(np.abs(s - psi - start)) / np.max(np.abs(s)))
+    theta, t, plant, signal = 3.0, 2.0, GatedChain(), INPUTS["cos t"].signal
+    s = solve_s(Lyapunov(plant, jnp.asarray(theta), jnp.eye(2)), signal, t)
+    psi = fading_gramians(pair_of("p003", plant, signal), np.linspace(0, t, 201), np.asarray([theta])).full()[-1, 0]
+    residual = float(np.max(np.abs(s - psi - _first_term(theta, t))) / np.max(np.abs(s)))
     return Statement(residual < 1e-10, residual, "u = cos t on example 1, theta = 3, t = 2: (19) integrated, against (20)")
 
 
@@ -155,17 +147,19 @@ def _():
     ages = np.linspace(0.01, 6.0, 600)
     norms = [np.linalg.norm(np.asarray([[1.0, -age], [0.0, 1.0]]), 2) for age in ages]
     worst = float(np.max(norms / np.exp(ages)))
-    return Statement(worst <= 1, worst, "u = 1 (m = 1): the largest |Phi| e^{-m (t-s)}; for nilpotent A(u) Phi grows like a power only")
+    return Statement(
+        worst <= 1, worst, "u = 1 (m = 1): the largest |Phi| e^{-m (t-s)}; for nilpotent A(u) Phi grows like a power only"
+    )
 
 
 @PAPER.claim("remark 1.1 (22)", "universal", printed="theta > 2m: |S - Psi| <= omega e^{-(theta - 2m) t}")
 def _():
     ratios = []
     for t in (0.5, 2.0, 5.0):
-        _, _, start = _solution(3.0, t)
-        ratios.append(float(np.linalg.norm(start, 2) / np.exp(-(3.0 - 2.0) * t)))
+        ratios.append(float(np.linalg.norm(_first_term(3.0, t), 2) / np.exp(-(3.0 - 2.0) * t)))
     why = (
-        "u = cos t (m = 1), theta = 3, S(0) = I, omega = |S(0)| = 1: the largest |S - Psi| over its bound. Since A(u) is nilpotent, "
+        "u = cos t (m = 1), theta = 3, S(0) = I, omega = |S(0)| = 1: the largest |S - Psi| over its bound. Since A(u) "
+        "is nilpotent, "
         "theta > 0 is enough: Phi(0, t) grows like t^{n-1}"
     )
     return Statement(max(ratios) <= 1, max(ratios), why)
@@ -178,7 +172,8 @@ def _():
     psi = fading_gramians(pair, np.linspace(0, 10.0, 401), np.asarray([theta])).full()[-1, 0]
     printed = 1 / theta**2
     why = (
-        f"u = 1, theta = 4: Psi_12 = {psi[0, 1]:.6f}, printed {printed:.6f}. phi(s, t) runs backwards, so int_s^t should read int_t^s: "
+        f"u = 1, theta = 4: Psi_12 = {psi[0, 1]:.6f}, printed {printed:.6f}. phi(s, t) runs backwards, so int_s^t "
+        f"should read int_t^s: "
         "a factor (-1)^{i-1} in Psi_1i, (-1)^{i+j} in Psi_ij. The diagonal, all that definition 2 and (23) use, is not touched"
     )
     wrong = abs(psi[0, 1] + printed) < 1e-9
@@ -195,7 +190,8 @@ def _():
     printed = float(np.cos(s) - np.cos(t) - (t - s) * np.sin(s))
     right = float((t - s) * np.sin(t) - (np.cos(s) - np.cos(t)))
     why = (
-        f"a_1 = 1, a_2 = cos, t = 3, s = 2: the entry of C phi(s, t) is {ours:.6f} = int_s^t int_{{t_1}}^t, which (14) gives too "
+        f"a_1 = 1, a_2 = cos, t = 3, s = 2: the entry of C phi(s, t) is {ours:.6f} = int_s^t int_{{t_1}}^t, which (14) "
+        f"gives too "
         f"({right:.6f}); with the printed inner limits s, t_1 it is {printed:.6f}. They agree only for constant couplings"
     )
     return Statement(False if abs(ours - right) < 1e-9 < abs(ours - printed) else None, ours, why)
@@ -224,8 +220,10 @@ def _():
         difference = (psi[late] - np.exp(-1.0) * window) * np.outer(graded, graded)
         worst = min(worst, float(np.min(np.linalg.eigvalsh(difference))))
     why = (
-        "Psi(t, theta) >= e^{-1} G(t - 1/theta, t) >= e^{-1} alpha theta Delta^-2, and Gamma is bounded as in (18), so alpha(theta) in i) is "
-        f"constant; iii) follows as well. Locally regular here: {', '.join(regular)}; all of them pass i) to iii). ours: the smallest "
+        "Psi(t, theta) >= e^{-1} G(t - 1/theta, t) >= e^{-1} alpha theta Delta^-2, and Gamma is bounded as in (18), so "
+        "alpha(theta) in i) is "
+        f"constant; iii) follows as well. Locally regular here: {', '.join(regular)}; all of them pass i) to iii). "
+        f"ours: the smallest "
         "eigenvalue of Delta (Psi - G / e) Delta / theta over them"
     )
     return Statement(holds and worst > -1e-12, worst, why)
@@ -237,7 +235,8 @@ def _():
     power = found.regularity.power(found.thetas)
     why = (
         f"the alpha of (11) falls like theta^{power:.2f} (at the zeros of cos t), alpha(theta) of i) stays at "
-        f"{found.alpha.worst[-1]:.4f}, gamma at {found.gamma.worst[-1]:.4g}; iii) {'holds' if found.lasting else 'fails'} too. {found.why}"
+        f"{found.alpha.worst[-1]:.4f}, gamma at {found.gamma.worst[-1]:.4g}; iii) "
+        f"{'holds' if found.lasting else 'fails'} too. {found.why}"
     )
     return Statement(found.strongly_persistent and not found.locally_regular, float(found.alpha.worst[-1]), why)
 
@@ -247,7 +246,9 @@ def _():
     found = classified("a bump, then 0")
     first, last = found.floor.halves[0]
     why = (
-        "a bump followed by u = 0 passes i) and ii): as S_22 dies out, Psi becomes diagonal, which is what i) measures. Needed besides: "
-        f"iii) Psi(t, theta) >= c(theta) I; here lambda_min(Psi) at theta = 4 falls from {first:.2g} (first half) to {last:.2g} (second half)"
+        "a bump followed by u = 0 passes i) and ii): as S_22 dies out, Psi becomes diagonal, which is what i) "
+        "measures. Needed besides: "
+        f"iii) Psi(t, theta) >= c(theta) I; here lambda_min(Psi) at theta = 4 falls from {first:.2g} (first half) to "
+        f"{last:.2g} (second half)"
     )
     return Statement(found.strongly_persistent and not found.lasting, float(last), why)

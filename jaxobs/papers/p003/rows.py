@@ -3,7 +3,7 @@
 from jaxobs.papers.claims import Statement
 from jaxobs.papers.p003.inputs import INPUTS
 from jaxobs.papers.p003.paper import PAPER
-from jaxobs.papers.p003.runs import CONVERGED, END, THETA, all_errors, classified
+from jaxobs.papers.p003.runs import CONVERGED, END, GROWTH, THETA, all_errors, classified
 
 PRINTED = {"cos t": "in C_SP, not in C_LR (example 1)"}
 
@@ -33,7 +33,7 @@ def _observers(name: str):
         same = abs(errors.scaled) < CONVERGED if errors.fading < CONVERGED else errors.scaled > CONVERGED
         ours = f"(7) {errors.constant:.2g}, (12) {errors.scaled:.2g}, (25) {errors.fading:.2g}"
         why = (
-            f"|e({END:g})| / |e(0)| on example 1 at theta = {THETA:g}; with x2' = 0.2 x2: (7) {growing.constant:.2g}, "
+            f"|e({END:g})| / |e(0)| on example 1 at theta = {THETA:g}; with x2' = {GROWTH:g} x2: (7) {growing.constant:.2g}, "
             f"(12) {growing.scaled:.2g}, (25) {growing.fading:.2g}. "
             f"Proposition 1 {'allows' if found.constant_gain else 'does not cover'} the constant gain; conditions i) to iii) "
             f"{'hold' if found.persistent else 'do not all hold'} on the grid"

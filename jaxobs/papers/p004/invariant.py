@@ -7,8 +7,8 @@ V = a x1^2 + x2^2 + (x3 - c)^2 with c = 28 + 10 a the cross terms of V' cancel, 
 
     |f|_V^2 <= 100 a (x2 - x1)^2 + 900 x1^2 + x2^2 + b^2 x3^2 + 2 s k x1 x2  for s = 1 or s = -1,
 
-since (x3 - 28)^2 + x2^2 <= 900 and |x3 - 28 - b x3| <= k there. With multipliers l >= 0 of the two constraints what remains is a
-quadratic form in (1, x1, x2, x3), whose positivity is decided in rational arithmetic. |x1+| <= 0.99 |x1| + 0.01 |x2| <= 30.
+since (x3 - 28)^2 + x2^2 <= 900 and |x3 - 28 - b x3| <= k there. With multipliers l >= 0 of the two constraints a quadratic form
+in (1, x1, x2, x3) remains, whose positivity is decided in rational arithmetic. |x1+| <= 0.99 |x1| + 0.01 |x2| <= 30.
 """
 
 import functools
@@ -20,7 +20,7 @@ from jaxobs.certificates import exact
 from jaxobs.designs import sdp
 
 RADIUS, CENTRE = 30, 28
-ENERGY, SHARE = Fraction(960), Fraction(1, 10)
+ENERGY, SHARE = Fraction(930), Fraction(1, 10)
 T, B = Fraction(1, 1000), Fraction(8, 3)
 BOX = ((-30.0, -30.0, -2.0), (30.0, 30.0, 58.0))
 

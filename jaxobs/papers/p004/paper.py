@@ -14,7 +14,8 @@ from jaxobs.plants import Discretised, FlexibleJoint, ForcedDuffing, Lorenz, Ros
 from jaxobs.signals import Sine
 
 PAPER = Paper(
-    "004", "A. Zemouche, M. Boutayeb, G. I. Bara, Observer design for nonlinear systems: the differential mean value theorem (2005)"
+    "004",
+    "A. Zemouche, M. Boutayeb, G. I. Bara, Observer design for nonlinear systems: the differential mean value theorem (2005)",
 )
 
 DUFFING_GAIN = ((0.9901,), (-0.0056,))
@@ -36,7 +37,8 @@ def duffing_model(slope: float = DUFFING_SLOPE):
 
 def joint_channels(angle: float) -> Channels:
     """Example 2 for |theta_l - theta_m| <= angle: 3 d^2 along x_3 - x_1, one parameter for two entries, and cos along x_3."""
-    return Channels(np.eye(2), [[-1, 0, 1, 0], [0, 0, 1, 0]], [0.0, -1.0], [3 * angle**2, 1.0])
+    right = np.array([[-1.0, 0, 1, 0], [0, 0, 1, 0]])
+    return Channels(np.eye(2), right, np.array([0.0, -1.0]), np.array([3 * angle**2, 1.0]))
 
 
 def joint_model(angle: float):
