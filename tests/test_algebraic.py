@@ -87,7 +87,8 @@ def test_the_observer_is_the_map_of_the_tracker():
     plant, tracker = plants.Duffing(), Tracker(3, 1, 15.0)
     run = simulate(plant, Algebraic(DuffingRoot(plant), tracker), x0=(1.0, 0.0), xhat0=(0.0, 0.5), ts=0.005 * np.arange(1200))
     late = np.abs(run.xhat - run.x)[600:]
-    assert np.max(late) < 0.06  # the bias C(4, 2) / mu^2 of y' under |y'''| <= 8.4, over 2 + 3 x1^2 >= 2, is 0.11
+    # biases C(4, 3) / mu^3 of y and C(4, 2) / mu^2 of y' under |y'''| <= 8.4; d x1 / d(y - y') = 1 / (2 + 3 x1^2) <= 1/2
+    assert np.max(late[:, 0]) < (4 * 8.4 / 15**3 + 6 * 8.4 / 15**2) / 2
     assert np.max(late) > 1e-4
     etahat = observers.output_derivatives(plant, jnp.asarray([0.0, 0.5]), 2)
     assert np.allclose(run.xhat[0], [0.0, 0.5], atol=1e-15)
@@ -133,13 +134,13 @@ def test_the_input_and_its_derivatives_reach_the_map():
 
 
 def test_crossings_are_the_bad_inputs():
-    ts = np.arange(0, 10, 0.01)
+    ts, crossings = np.arange(0, 10, 0.01), jax.jit(lambda y, u: observers.crossings(GATED, y, u))
     for u, times in ((1 + 0.5 * np.sin(ts), []), (np.cos(ts), [math.pi / 2, 3 * math.pi / 2, 5 * math.pi / 2])):
         y = jnp.asarray(np.stack([0 * ts, 2 * u], axis=1))
-        found = ts[np.asarray(observers.crossings(GATED, y, jnp.asarray(u)[:, None, None]))]
+        found = ts[np.asarray(crossings(y, jnp.asarray(u)[:, None, None]))]
         assert len(found) == len(times)
         assert np.all(np.abs(found - times) < 0.011)
-        ours = jax.vmap(GATED.state)(y, jnp.asarray(u)[:, None, None])
+        ours = jax.jit(jax.vmap(GATED.state))(y, jnp.asarray(u)[:, None, None])
         assert np.allclose(ours[:, 1], 2)
     assert np.all(observers.crossings(GATED, jnp.zeros((5, 2)), jnp.zeros((5, 1, 1))))
     duffing = jnp.asarray([[1.0, 0.0, 12.0], [1.0, 0.0, 12.5], [1.0, 0.0, 12.6]])  # the denominator vanishes at y'' = 37/3
@@ -161,7 +162,8 @@ def test_the_denominator_of_a_run_is_that_of_its_estimate():
 
 def test_sensitivity_grows_towards_the_singularity():
     phi, none = DuffingRational(plants.Duffing()), NONE
-    slopes = [float(np.abs(observers.sensitivity(phi, jnp.asarray([1.0, 0.0, v]), none)[0, 2])) for v in (0.0, 12.0, 12.3)]
+    slope = jax.jit(lambda y: observers.sensitivity(phi, y, none))
+    slopes = [float(np.abs(slope(jnp.asarray([1.0, 0.0, v]))[0, 2])) for v in (0.0, 12.0, 12.3)]
     assert slopes[0] < 1 < slopes[1] < slopes[2]
     root = observers.sensitivity(DuffingRoot(plants.Duffing()), jnp.asarray([1.0, 0.0]), none)
     x1 = oracle.duffing_root(1.0, 0.0)
@@ -243,7 +245,7 @@ def test_elimination_carries_the_input_and_its_derivatives():
     given = dict(zip(found.y, elimination.derivatives(*system[:3], found.u, 2), strict=True))
     for one in found.relations:
         assert sympy.simplify(sympy.expand((one.numerator - one.state * one.denominator).subs(given))) == 0
-    with pytest.raises(ValueError, match="map.model: given NoneType"):
+    with pytest.raises(ValueError, match=re.escape("map.model: given NoneType")):
         found.map()
 
 
@@ -263,7 +265,7 @@ def test_what_elimination_cannot_do_is_refused():
         elimination.eliminate(([sympy.sin(q), p], p, [p, q], []))
     with pytest.raises(ValueError, match="given the operation 'sin'"):
         elimination.eliminate(plants.Pendulum())
-    with pytest.raises(ValueError, match="expected an integer >= 0"):
+    with pytest.raises(ValueError, match=re.escape("expected an integer >= 0")):
         elimination.eliminate(plants.Duffing(), order=-1)
 
 

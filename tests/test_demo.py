@@ -101,11 +101,6 @@ def test_paired_change(studies):
     assert low < middle < high < 0
 
 
-def test_settling_of_the_pendulum():
-    """alphas (3, 2), poles -1 and -2: e_x2 = 2 (e^-2t - e^-t), which leaves 5 % of its peak 1/2 for good at 4.38."""
-    assert pendulum._settling(np.asarray([3.0, 2.0]), 0) == pytest.approx(4.38, abs=0.011)
-
-
 def test_pendulum(studies):
     study = studies[1]
     assert study.verdict.holds

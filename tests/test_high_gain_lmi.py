@@ -16,7 +16,7 @@ from jaxobs.certificates import HighGainLmi, NoHighGainLmi, StandardHighGain
 from jaxobs.designs import Infeasible, auxiliary, gridding, high_gain_lmi, slopes, smallest_theta, standard_high_gain
 from jaxobs.designs.chain_lmi import corners, gain_constant, largest_lambda, triangle_constant
 from jaxobs.designs.chain_proofs import certify, refute
-from jaxobs.integrators import Exponential
+from jaxobs.integrators import RK4
 from jaxobs.plants import Lorenz, Pendulum, SineChain
 
 BOUNDS = np.array([[-2.0, 1.0], [-0.5, 0.5], [0.0, 1.5]])
@@ -40,12 +40,13 @@ def test_smallest_theta_in_the_plane(m1, m2, j0):
     assert found.refuted == (0.0 if exact == 1 else pytest.approx(exact, rel=1e-5))
 
 
-@pytest.mark.parametrize("gain", [(3.0, 3.0, 1.0), (4.0, 6.0, 4.0), (1.1, 1.0, 1.0)])
+@pytest.mark.parametrize("gain", [(3.0, 3.0, 1.0), (4.0, 6.0, 4.0), (2.0, 2.0, 1.0)])
 def test_one_matrix_is_a_lyapunov_equation(gain):
     constant = 2.5
     found = smallest_theta(BOUNDS, 0, gain=gain, constant=constant)
     assert found.theta == pytest.approx(oracle.one_corner_theta(gain, np.zeros(3), constant, 0), rel=1e-5)
-    row = corners(BOUNDS, 2, 2.0)[-1]
+    row = corners(BOUNDS, 2, 8.0)[-1]
+    assert np.linalg.eigvals(np.eye(3, k=1) + np.outer([0, 0, 1], row) - np.outer(gain, [1, 0, 0])).real.max() < 0
     lam = largest_lambda(row[None], np.array(gain))
     assert lam.attained == pytest.approx(2 * 0.5 / oracle.one_corner_theta(gain, row, 0.5, 0, sigma=0.0), rel=1e-6)
     assert lam.attained <= lam.bound * (1 + 1e-9)
@@ -53,7 +54,7 @@ def test_one_matrix_is_a_lyapunov_equation(gain):
 
 @pytest.mark.parametrize("gain", [None, np.array(GAIN)])
 def test_lambda_agrees_with_the_problem_written_out(gain):
-    rows = corners(BOUNDS, 2, 1.7)
+    rows = corners(BOUNDS, 2, 6.0)
     p, lam, y = cp.Variable((3, 3), symmetric=True), cp.Variable(), cp.Variable((1, 3))
     c = np.eye(1, 3)
     constraints = [p >> 0, np.eye(3) - p >> 0, cp.norm(y) <= 1e4]
@@ -146,11 +147,11 @@ def test_the_error_decays_at_the_rate_proved():
     model = plant(3, 6.0)
     observer, proof = high_gain_lmi(model, bounds=[[-2.0, 2.0]] * 3, j0=2, rate=1.0)
     run = jaxobs.simulate(
-        model, observer, x0=[1.0, -1.0, 0.5], xhat0=[0.0, 0.0, 0.0], ts=np.arange(0, 8, 0.01), integrator=Exponential()
+        model, observer, x0=[1.0, -1.0, 0.5], xhat0=[0.0, 0.0, 0.0], ts=np.arange(0, 8, 0.02), integrator=RK4(substeps=20)
     )
     e = np.asarray(run.xhat - run.x) / proof.theta ** np.arange(1, 4)
     v = np.einsum("ti,ij,tj->t", e, np.array(proof.p), e)
-    assert np.all(v <= v[0] * np.exp(-2 * proof.verify().margins["decay_rate"] * np.asarray(run.ts)) * (1 + 1e-6) + 1e-20)
+    assert np.all(v <= v[0] * np.exp(-2 * proof.verify().margins["decay_rate"] * np.asarray(run.ts)) * (1 + 1e-6))
 
 
 def test_the_paper_constant_and_a_given_gain():
@@ -190,7 +191,7 @@ def test_gridding_walks_the_whole_grid_and_keeps_the_smallest_gain():
         ({"bounds": [[-1, 1], [0.5, 1], [0, 0]]}, r"bounds: given \[0\.5, 1\] for x_2; expected a pair that contains 0"),
         ({"bounds": [[-1, -1, 0], [1, 1, 0]]}, r"bounds: given shape \(2, 3\).*transposed"),
         ({"bounds": [[-1, 1]] * 2}, r"bounds: given shape \(2, 2\); expected shape \(3, 2\)"),
-        ({"bounds": [[-1, 1], [0, float("inf")], [0, 0]]}, r"expected finite numbers"),
+        ({"bounds": [[-1, 1], [0, float("inf")], [0, 0]]}, r"bounds: .*expected finite numbers"),
         ({"j0": 4}, r"j0: given 4; expected an integer from 0 to n = 3"),
         ({"j0": -1}, r"j0: given -1"),
         ({"j0": 1.0}, r"j0: given 1\.0"),
@@ -289,10 +290,9 @@ def test_false_claims_are_refused_with_their_reason(changes, reason):
 def test_a_standard_certificate_needs_17():
     standard = proofs()[1]
     assert "(17) fails" in dataclasses.replace(standard, upper=(1.5, 1e-300)).verify().why
-    assert (
-        "nu / lam fails" in dataclasses.replace(standard, theta=1.0, gain=tuple(x / 2 for x in standard.gain)).verify().why
-        or True
-    )
+    slower = dataclasses.replace(standard, theta=1.0, gain=tuple(x / standard.theta**i for i, x in enumerate(standard.gain, 1)))
+    assert "theta^{1+j0} > 2 k nu / lam fails" in slower.verify().why
+    assert "too small for the slopes, (18)" in dataclasses.replace(standard, constant=1.4).verify().why
 
 
 def mutated(proof, rng):
@@ -343,14 +343,17 @@ def test_what_is_possible_is_not_refuted():
 # ---- slopes
 
 
+def saturation(v):
+    return min(max(v, -1), 1)
+
+
 def dead_zone(v):
-    return v - min(max(v, -1), 1)
+    return v - saturation(v)
 
 
 @pytest.mark.parametrize(
     ("f", "low", "high"),
-    [(abs, -1, 1), (lambda v: min(max(v, -1), 1), 0, 1), (dead_zone, 0, 1)],
-    ids=["abs", "sat", "dead zone"],
+    [(abs, -1, 1), (saturation, 0, 1), (dead_zone, 0, 1)],
 )
 def test_slopes_of_functions_without_derivative_are_exact(f, low, high):
     rng = np.random.default_rng(1)

@@ -69,6 +69,7 @@ def test_substeps_are_shorter_steps(kind):
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-14), fine, coarse)
 
 
+@pytest.mark.filterwarnings("ignore::jaxobs.integrators.UnstableStep")
 def test_exponential_is_exact_at_any_stiffness():
     """A constant measurement into the chain observer at gamma = 1000, n = 5, gamma dt = 10: far beyond explicit methods."""
     n, gamma, dt, y, steps = 5, 1e3, 0.01, 0.7, 20

@@ -176,3 +176,9 @@ def test_the_picture_is_drawn_from_finite_numbers():
     (picture,) = (draw() for draw in PICTURES)
     assert [len(panel.lines) for panel in picture.panels] == [4, 4]
     assert all(np.all(np.isfinite(line.y)) and np.all(line.y > 0) for line in picture.panels[1].lines)
+
+
+def test_the_limit_of_explicit_steps_is_that_of_rk4():
+    roots = np.roots([1 / 24, -1 / 6, 1 / 2, -1])  # 1 - z + z^2/2 - z^3/6 + z^4/24 = 1, divided by z
+    real = float(roots[np.abs(roots.imag) < 1e-9].real[0])
+    assert claim("explicit steps on S").ours == pytest.approx(real, abs=1e-6)

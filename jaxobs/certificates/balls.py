@@ -53,9 +53,7 @@ def exponential(matrix: exact.Matrix, time: Fraction) -> Ball:
     x = enclose(exact.scale(Fraction(1, 2**squarings), scaled))
     term = total = enclose(exact.identity(len(matrix)))
     order = 1
-    while term.norm > len(
-        matrix
-    ):  # until rounding is all that is left; terms halve at least, so the rest is below the last one
+    while term.norm > len(matrix):  # until only rounding is left; terms halve at least, so the rest is below the last one
         raised = multiply(term, x)
         term = Ball([[entry // order for entry in row] for row in raised.middle], raised.radius // order + 1 + len(matrix))
         total = Ball(_plus(total.middle, term.middle), total.radius + term.radius)

@@ -55,8 +55,8 @@ class SwitchingInstability(AbstractCertificate):
         problem = self._malformed()
         if problem:
             return Verdict(False, {}, f"not shown: {problem}")
-        matrices = balls.balanced([_box.closed(self, rho) for rho in self.points])
         try:
+            matrices = balls.balanced([_box.closed(self, rho) for rho in self.points])
             factors = [self._factor(f, Fraction(time)) for f, time in zip(matrices, self.durations, strict=True)]
             raised = balls.power(balls.chain(factors), self.repeats)
         except OverflowError as error:

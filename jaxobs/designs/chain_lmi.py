@@ -31,7 +31,7 @@ def slope_bounds(owner: str, bounds: Any, n: int, *, around_zero: bool = True) -
     """The bounds of the n slopes as an array (n, 2); ValueError for what are none."""
     found = np.asarray(bounds, float)
     if not 2 <= n <= LARGEST:
-        fix = "With one state, the measured one, a larger K always does; beyond ten the 2^n corners are too many for exact proofs."
+        fix = "With one state, the measured one, a larger K always does; beyond ten, corners are too many for exact proofs."
         raise refuse(owner, "bounds", f"n = {n} states", f"2 to {LARGEST}", fix)
     if found.shape != (n, 2):
         fix = f"Give n = {n} rows (lowest, highest), one for each df/dx_i."

@@ -12,8 +12,7 @@ from jaxobs.designs import corner_lmi
 from jaxobs.designs.polytope import Polytope
 
 STARTS = 12  # of the search beyond the corners
-STEPS = 60  # of each
-PRECISE = {"xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15}
+LIMITS = {"xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15, "max_nfev": 60}  # of each
 DENOMINATORS = (1, 10, 100, 1000, 10**6)
 
 
@@ -138,7 +137,7 @@ def _tested(model: Polytope, rho: tuple[Fraction, ...], limit: float, step: bool
     if routh.frozen(scaled, step=step).is_stable:
         return None
     values, vectors = np.linalg.eig(np.array(on_subspace, float))
-    worst = int(np.argmax(np.abs(values) if step else values.real))
+    worst = int(np.argmax(np.abs(values) if step else np.real(values)))
     direction = np.array(basis, float).T @ vectors[:, worst]
     return Undetectable(tuple(map(float, rho)), complex(values[worst]), _normal(direction), True)
 
@@ -191,7 +190,7 @@ def _searched(model: Polytope, limit: float, step: bool):
         v = np.concatenate([rng.normal(size=n), rng.normal(size=n) * (start % 2)])
         s = [slowest + 0.3 * rng.random() ** 2, 0.3 * rng.normal() * (start % 2)]
         x0 = np.clip(np.concatenate([rng.random(len(free)), s, v / np.linalg.norm(v)]), low, high)
-        found = scipy.optimize.least_squares(residual, x0, jac=slopes, bounds=(low, high), max_nfev=STEPS, **PRECISE)
+        found = scipy.optimize.least_squares(residual, x0, slopes, (low, high), **LIMITS)  # pyright: ignore[reportArgumentType]
         if np.max(np.abs(found.fun)) < 1e-9:
             rho = np.where(np.isin(first, free), 0.0, model.lower)
             for j, k in enumerate(first):

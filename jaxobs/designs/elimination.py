@@ -61,6 +61,7 @@ class Elimination:
         """
         model = self.model if model is None else model
         require_instance("map", "model", model, AbstractFlowPlant, "The observer starts from the plant's derivatives.")
+        assert model is not None
         sympy, variables = algebra(), (*self.y, *(v for row in self.u for v in row))
         tables, numbers = [], []
         for one in self.relations:

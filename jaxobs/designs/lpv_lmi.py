@@ -99,11 +99,12 @@ def _origin(plant: Plant, channels: Channels) -> str:
 def _observer(plant: Any, gain: np.ndarray, inner: bool) -> tuple[Observer, np.ndarray]:
     """The observer, and the gain it carries as a plant of its kind has it."""
     dtype = dtype_of(plant)
-    model = plant.plant if isinstance(plant, Discretised) else plant
+    model: Any = plant.plant if isinstance(plant, Discretised) else plant
     injects = inner or (not isinstance(model, AbstractChain) and _knows_output(model))
     if not injects:
-        observer = (StepLuenberger if isinstance(plant, Discretised) else Luenberger)(plant, jnp.asarray(gain, dtype))
-        return observer, np.asarray(observer.gain, float)
+        own = jnp.asarray(gain, dtype)
+        observer = StepLuenberger(plant, own) if isinstance(plant, Discretised) else Luenberger(plant, own)
+        return observer, np.asarray(own, float)
     dt = float(plant.dt) if isinstance(plant, Discretised) else 1.0
     flow_gain = jnp.asarray(gain / dt, dtype)
     if isinstance(model, AbstractChain):

@@ -89,9 +89,9 @@ def midpoint_channels(plant: AbstractFlowPlant, lower: Any, upper: Any, *, origi
     bounds = [(a, b) for _, _, a, b, _ in table] + [(a, b) for _, _, a, b, _, _ in rows]
     tied = [k for *_, k in table] + [int(k) for *_, k in rows]
     box = f"conditional on the state and its estimate having their midpoint in {low.tolist()} .. {high.tolist()}"
-    return Channels(
-        np.reshape(left, (-1, q)).T, np.reshape(right, (-1, n)), *np.reshape(bounds, (-1, 2)).T, tuple(tied), origin or box
-    )
+    ends = np.reshape(bounds, (-1, 2)).T
+    left, right = np.reshape(left, (-1, q)).T, np.reshape(right, (-1, n))
+    return Channels(left, right, ends[0], ends[1], tuple(tied), origin or box)
 
 
 def simulated_entries(plant: AbstractFlowPlant, xs: Any) -> Channels:

@@ -83,9 +83,10 @@ def peak(n: int, q: int, mu: float, start: Start | None) -> Peak:
     norms = np.asarray([norm(t) for t in times])
     k = int(np.argmax(norms))
     time, value = float(times[k]), float(norms[k])
-    if 0 < k < len(times) - 1:
-        best = scipy.optimize.minimize_scalar(lambda t: -norm(t), bounds=(times[k - 1], times[k + 1]), method="bounded")
-        time, value = (float(best.x), -float(best.fun)) if -best.fun > value else (time, value)
+    if 0 < k < len(times) - 1:  # a finer grid around the largest
+        finer = np.linspace(times[k - 1], times[k + 1], 41)
+        near = np.asarray([norm(t) for t in finer])
+        time, value = float(finer[np.argmax(near)]), float(np.max(near))
     return Peak(value, time, math.inf if start is None else _peak_bound(n, q, mu, _matrix(n, q, start)))
 
 
@@ -161,10 +162,13 @@ def theorem1(n: int, q: int, mu: float, start: Start) -> Theorem1:
     times = np.geomspace(1e-3 / mu, ends[0], 400)
     excess = [disturbance(n, q, mu, start, t) - mu / 2 for t in times]
     last = max((k for k, value in enumerate(excess[:-1]) if value > 0), default=-1)
-    settled = times[0] if last < 0 else scipy.optimize.brentq(
-        lambda t: disturbance(n, q, mu, start, t) - mu / 2, times[last], times[last + 1]
-    )  # fmt: skip
-    return Theorem1(c0, float(c1), float(c2), float(2 * c1), ends[0], ends[1], float(settled))
+    if last < 0:
+        return Theorem1(c0, float(c1), float(c2), float(2 * c1), ends[0], ends[1], 0.0)
+    low, high = float(times[last]), float(times[last + 1])
+    for _ in range(50):
+        middle = (low + high) / 2
+        low, high = (middle, high) if disturbance(n, q, mu, start, middle) > mu / 2 else (low, middle)
+    return Theorem1(c0, float(c1), float(c2), float(2 * c1), ends[0], ends[1], high)
 
 
 def disturbance(n: int, q: int, mu: float, start: Start, t: float) -> float:

@@ -161,9 +161,10 @@ def classify(
 
 def _said(name: str, holds: bool, symbol: str, figure: Figure, thetas: np.ndarray, top: str) -> str:
     first, second = figure.halves[-1]
+    power = figure.power(thetas)
+    like = f", like theta^{power:.2f}" if np.isfinite(power) else ""
     return (
-        f"{name} {'holds' if holds else 'fails'} ({symbol} = {figure.worst[-1]:.4g} {top}, like "
-        f"theta^{figure.power(thetas):.2f}; "
+        f"{name} {'holds' if holds else 'fails'} ({symbol} = {figure.worst[-1]:.4g} {top}{like}; "
         f"{first:.4g} in the first half, {second:.4g} in the second)"
     )
 

@@ -12,11 +12,11 @@ BISECTIONS = 60
 
 
 class UnstableStep(UserWarning):
-    """An explicit step that is too long for the linear part of an observer's error: it grows, whatever the observer's proof says."""
+    """An explicit step too long for the linear part of an observer's error: it grows, whatever the observer's proof says."""
 
 
 def largest_step(poles: np.ndarray, order: int) -> float:
-    """The largest h with |R(h s)| <= 1 at all poles s with Re s < 0, R(z) = sum_{k <= order} z^k / k!; infinite without such poles.
+    """The largest h with |R(h s)| <= 1 at all poles s with Re s < 0, R(z) = sum_{k <= order} z^k / k!; infinite without any.
 
     R is the stability function of the explicit methods whose order equals their number of stages: Euler (1) and RK4 (4).
     """

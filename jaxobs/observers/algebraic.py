@@ -1,7 +1,7 @@
 """The algebraic observer: a derivative tracker, then a static map from the output's derivatives to the state."""
 
 import abc
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import equinox as eqx
 import jax
@@ -20,8 +20,8 @@ class AbstractAlgebraicMap(Module):
 
     model: eqx.AbstractVar[AbstractFlowPlant]
     if TYPE_CHECKING:  # a type checker takes an AbstractVar for a constructor argument
-        order: int
-        input_order: int
+        order: ClassVar[int]
+        input_order: ClassVar[int]
     else:
         order: eqx.AbstractVar[int]
         input_order: eqx.AbstractVar[int]

@@ -87,7 +87,8 @@ class StepLyapunov(AbstractStepObserver):
     -> 0 it is Lyapunov; on a chain it is DiscreteTracker without integrators. Source: paper 003, (20) and (25), over one
     sample; the array form is that of Kailath, Sayed and Hassibi, Linear Estimation, chapter 12.
 
-    model, theta [1/s], start as for Lyapunov. dt [s] > 0, checked against the data.
+    A lost sample counts in S as one that met the expectation. model, theta [1/s], start as for Lyapunov. dt [s] > 0, checked
+    against the data.
     """
 
     model: SeenThrough

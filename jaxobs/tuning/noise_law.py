@@ -128,7 +128,7 @@ def _quietest(measure: Measure, q: int, reference: tuple[float, ...], spread: fl
 
     places = np.minimum(np.arange(1, size + 1), size - np.arange(1, size + 1))
     box = [(-LOWEST * k, spread * k) for k in places[:-1]] + [(-2 * LOWEST, 0.0)]
-    wishes = {"popsize": 8, "maxiter": 20 * size, "tol": 1e-7, "polish": False, "vectorized": True, "updating": "deferred"}
+    wishes = {"popsize": 8, "maxiter": 15 * size, "tol": 1e-7, "polish": False, "vectorized": True, "updating": "deferred"}
     starts = [scipy.optimize.differential_evolution(many, box, rng=seed, **wishes).x for seed in SEEDS]
     if q > 0:
         fast = math.exp(spread / 2) * float(speed("spectral abscissa", reference))
@@ -136,7 +136,7 @@ def _quietest(measure: Measure, q: int, reference: tuple[float, ...], spread: fl
         weights = hurwitz.q_from_alphas(hurwitz.normalise(jnp.asarray(longer))[0])
         v = np.append(np.log(np.asarray(weights) / np.asarray(hurwitz.binomial(size)))[:-1], -2 * LOWEST)
         starts.append(np.clip(np.nan_to_num(v), *np.asarray(box).T))
-    options = {"xatol": 1e-7, "fatol": 1e-12, "maxiter": 70 * size}
+    options = {"xatol": 1e-7, "fatol": 1e-12, "maxiter": 50 * size}
     ends = [scipy.optimize.minimize(one, v, method="Nelder-Mead", bounds=box, options=options) for v in starts]
     best = min(ends, key=lambda end: end.fun).x
     alphas = np.asarray(cost(jnp.asarray(best)[None], which, target)[1][0])

@@ -54,5 +54,12 @@ COVERAGE: dict[str, tuple[str, ...] | str] = {
     "(35)": ("(35)-(37) V decays",),
     "(36)": ("example 1: cos t",),
     "(37)": ("(35)-(37) V decays",),
+    "numerics of (25) (ours)": (
+        "cond(S) is grading",
+        "explicit steps on S",
+        "P = S^-1 loses definiteness",
+        "no limit for array steps",
+    ),
+    "the hypothesis of theorem 3 is sufficient": ("i) to iii) are sufficient only",),
     **{f"input {name}": (f"u = {name}: classify", f"u = {name}: three observers") for name in INPUTS},
 }

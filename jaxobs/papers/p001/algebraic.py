@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxobs import simulate
+from jaxobs._simulate import simulate
 from jaxobs.designs import elimination
 from jaxobs.designs.tracker import best_rate, tracker_gains
 from jaxobs.noise import Sinusoid
@@ -16,12 +16,12 @@ from jaxobs.observers import (
     Algebraic,
     DuffingRoot,
     RationalMap,
-    Tracker,
     crossings,
     output_derivatives,
 )
 from jaxobs.papers.claims import Statement
 from jaxobs.papers.p001.paper import PAPER
+from jaxobs.papers.p001.paper import tracker as make_tracker
 from jaxobs.plants import Duffing, GatedChain
 
 Exact = tuple[Fraction, Fraction, Fraction]
@@ -52,8 +52,8 @@ def truth() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(ts, x, (y, y', y'')) of the oscillator from X0 over 20 s."""
     ts = np.arange(0, 20, 0.01)
     plant = Duffing()
-    run = simulate(plant, Tracker(2, 0, 3.0), x0=X0, xhat0=(0.0, 0.0), ts=ts)
-    jets = jax.vmap(lambda x: output_derivatives(plant, x, 2))(run.x)
+    run = simulate(plant, make_tracker(2, 0, 3.0), x0=X0, xhat0=(0.0, 0.0), ts=ts)
+    jets = jax.jit(jax.vmap(lambda x: output_derivatives(plant, x, 2)))(run.x)
     return ts, np.asarray(run.x), np.asarray(jets)
 
 
@@ -69,13 +69,13 @@ def _():
         f"y'' the rational x1 = ({two.numerator}) / ({two.denominator}), whose denominator is {two.on_trajectories} on "
         "trajectories."
     )
-    return Statement(two.degree == 1, float(one.degree), why)
+    return Statement(bool(two.degree == 1), float(one.degree), why)
 
 
 @PAPER.claim("Definition 2", "universal", printed="U*, the set of bad inputs that makes (39) singular")
 def _():
     plant = GatedChain()
-    phi = RationalMap(plant, 1, 0, (((1, 0, 0),), ((0, 0, 0),), ((0, 1, 0),), ((0, 0, 1),)), np.ones(4))
+    phi = RationalMap(plant, 1, 0, (((1, 0, 0),), ((0, 0, 0),), ((0, 1, 0),), ((0, 0, 1),)), jnp.ones(4))
     ts = np.arange(0, 10, 0.01)
     counts = {}
     for name, u in (("1 + 0.5 sin t", 1 + 0.5 * np.sin(ts)), ("cos t", np.cos(ts)), ("0", 0 * ts)):
@@ -109,7 +109,7 @@ def _():
         f"{float(max(ours)):g}, exactly. "
         "Without y'' and never singular: x1^3 + 2 x1 = y - y'."
     )
-    return Statement(max(off) == 0 and max(ours) == 0, float(abs(example[0] - 1)), why)
+    return Statement(bool(max(off) == 0 and max(ours) == 0), float(abs(example[0] - 1)), why)
 
 
 @PAPER.claim("(41) x2", "identity", printed="(3y' - 2y'' + y + y^3) y / (2y^3 - y' + 5y)")
@@ -142,14 +142,14 @@ def _():
         f">= 12 (difference {float(off):g}, in fractions). Errors in y'' can make it vanish. Shown: its least value on "
         f"{len(POINTS)} states."
     )
-    return Statement(off == 0 and low >= 12, low, why)
+    return Statement(bool(off == 0 and low >= 12), low, why)
 
 
 @PAPER.claim("(42) V' = 0", "identity", printed="V = x1^2/2 + x2^2/2 + x1^4/4")
 def _():
     off = max(abs((x1 + x1**3) * x2 + x2 * (-x1 - x1**3)) for x1, x2 in POINTS)
     return Statement(
-        off == 0, float(off), "Exactly: the level sets are closed curves, all trajectories are bounded and periodic."
+        bool(off == 0), float(off), "Exactly: the level sets are closed curves, all trajectories are bounded and periodic."
     )
 
 
@@ -169,7 +169,7 @@ def _():
     v = 0.5 * X0[0] ** 2 + 0.25 * X0[0] ** 4
     bound = third_derivative_bound(v)
     ts, x, _ = truth()
-    third = np.asarray(jax.vmap(lambda x: output_derivatives(Duffing(), x, 3)[3])(jnp.asarray(x)))
+    third = np.asarray(jax.jit(jax.vmap(lambda x: output_derivatives(Duffing(), x, 3)[3]))(jnp.asarray(x)))
     drift = float(np.max(np.abs(x[:, 0] ** 2 / 2 + x[:, 1] ** 2 / 2 + x[:, 0] ** 4 / 4 - v)))
     why = (
         f"Polynomials on a compact level set. From x = (1, 0), V = {v:g}: |x1| <= {level_box(v)[0]:.4g}, |x2| <= "
@@ -177,7 +177,7 @@ def _():
         f"{bound:.4f}; on the trajectory it reaches the value shown (V is kept to {drift:.1e} over {ts[-1]:.0f} s)."
     )
     highest = float(np.max(np.abs(third)))
-    return Statement(highest <= bound, highest, why)
+    return Statement(bool(highest <= bound), highest, why)
 
 
 @PAPER.claim("mu from (42)", "universal", printed="mu sufficiently large")
@@ -188,14 +188,14 @@ def _():
     gains = tracker_gains(n, q)
     first = gains.worst_bias[0] * top / rate.mu**n + gains.worst[0] * noise
     promised = (first + rate.bias + rate.noise) / 2  # |d x1 / d(y - y')| = 1 / (2 + 3 x1^2) <= 1/2
-    observer = Algebraic(DuffingRoot(Duffing()), Tracker(n, q, rate.mu))
+    observer = Algebraic(DuffingRoot(Duffing()), make_tracker(n, q, rate.mu))
     run = simulate(
         Duffing(),
         observer,
         x0=X0,
         xhat0=(0.0, 0.0),
         ts=np.arange(0, 15, 2e-3),
-        noise=Sinusoid(noise, 20.0),
+        noise=Sinusoid(jnp.asarray(noise), jnp.asarray(20.0)),
         key=jax.random.key(0),
     )
     measured = float(np.max(np.abs(run.xhat - run.x)[3000:, 0]))
@@ -205,4 +205,4 @@ def _():
         f"|xhat_1 - x1| <= {promised:.4f} after the start; under a tone of that height it stays below the value shown (n = 3, "
         "q = 1, t >= 6 s)."
     )
-    return Statement(measured <= promised, measured, why)
+    return Statement(bool(measured <= promised), measured, why)

@@ -10,9 +10,11 @@ import scipy.linalg
 
 from jaxobs.certificates import exact
 from jaxobs.linalg import tracker_structure
-from jaxobs.observers import DiscreteTracker, Tracker
 from jaxobs.papers.claims import Statement
 from jaxobs.papers.p001.paper import PAPER, SIZES, largest, nilpotent_exponential, structure
+from jaxobs.papers.p001.paper import discrete_tracker as make_discrete
+from jaxobs.papers.p001.paper import gain as gain_of
+from jaxobs.papers.p001.paper import tracker as make_tracker
 
 DT = Fraction(1, 10)
 
@@ -24,17 +26,17 @@ def _():
     why = (
         "It holds for every delta, so it restricts nothing: e^{-A~ delta} is unipotent and all eigenvalues are sqrt(sigma) < 1."
     )
-    return Statement(off == 0, math.sqrt(0.9), why + " Shown for sigma = 0.9.")
+    return Statement(bool(off == 0), math.sqrt(0.9), why + " Shown for sigma = 0.9.")
 
 
 @PAPER.claim("limit delta -> 0", "identity", printed="(30) tends to (4)")
 def _():
     n, q, mu, start, t = 2, 1, 5.0, 0.5, 0.6
-    whole = np.asarray(Tracker(n, q, mu, start).gain(jnp.asarray(t)))
+    whole = gain_of(make_tracker(n, q, mu, start), t)
     off = []
     for count in (60, 120, 240):
         dt = t / count
-        gain = np.asarray(DiscreteTracker(n, q, mu, dt, start).gain(jnp.asarray(float(count)))) / dt
+        gain = gain_of(make_discrete(n, q, mu, dt, start), float(count)) / dt
         off.append(float(np.max(np.abs(gain / whole - 1))))
     order = math.log(off[1] / off[2]) / math.log(2)
     why = (
@@ -42,7 +44,7 @@ def _():
         "0.01, 0.005, 0.0025, "
         f"order {order:.3f}. Exactly sigma = e^(-mu delta), of which 1 - mu delta is the first order."
     )
-    return Statement(abs(order - 1) < 0.1, off[-1], why)
+    return Statement(bool(abs(order - 1) < 0.1), off[-1], why)
 
 
 def _printed_delay(n: int, q: int, sigma: float) -> tuple[float, float]:
@@ -78,14 +80,14 @@ def _():
     a, back = tracker_structure(n, q)[0], scipy.linalg.expm(-tracker_structure(n, q)[0] * dt)
     unit = np.eye(n + q)[0]
     h, off = 0.5 * np.eye(3) + dt * np.outer(unit, unit), 0.0
-    tracker = DiscreteTracker(n, q, mu, dt, 0.5)
+    tracker = make_discrete(n, q, mu, dt, 0.5)
     for k in range(30):
-        ours = tracker_structure(n, q)[1] * np.asarray(tracker.gain(jnp.asarray(float(k))))
+        ours = gain_of(tracker, float(k))
         expected = dt * np.linalg.solve(h, unit)
         off = max(off, float(np.max(np.abs(ours - expected)) / np.max(np.abs(expected))))
         h = math.exp(-mu * dt) * back.T @ h @ back + dt * np.outer(unit, unit)
     return Statement(
-        off < 1e-9 and a.shape == (3, 3), off, "The recursion, step by step, against the closed form of the gain; k < 30."
+        bool(off < 1e-9 and a.shape == (3, 3)), off, "The recursion, step by step, against the closed form of the gain; k < 30."
     )
 
 
@@ -107,7 +109,7 @@ def _():
         "at k = 4, "
         "sigma = 0.8, H_0 = I. It fades. (The sum runs over its own upper limit k.)"
     )
-    return Statement(largest(gap) == 0, largest(gap), why)
+    return Statement(bool(largest(gap) == 0), largest(gap), why)
 
 
 @PAPER.claim("(33) delay", "identity", printed="y_k in xhat_{k+1}")
@@ -118,7 +120,7 @@ def _():
         f"{delay:.6f} samples at "
         f"frequency 0 (gain {value:.6f}; n = 3, sigma = 0.9). With y_{{k+1}} there is no delay, and (34) is the gain for that."
     )
-    return Statement(abs(delay) < 1e-6, delay, why)
+    return Statement(bool(abs(delay) < 1e-6), delay, why)
 
 
 @PAPER.claim("(33) H_k in the gain", "identity", printed="delta H_k^-1 C'")
@@ -141,7 +143,7 @@ def _():
         f"H_{{k+1}}, which "
         f"counts the sample at hand, {ours:.4g} (n = 3, sigma = 0.9). The gain of step k + 1 needs H_(k+1)."
     )
-    return Statement(printed < 2, printed, why)
+    return Statement(bool(printed < 2), printed, why)
 
 
 @PAPER.claim("Theorem 3", "universal", printed="for all H_0 > 0 the derivatives are estimated")
@@ -149,7 +151,7 @@ def _():
     dt, mu, n = 0.02, 10.0, 3
     worst = 0.0
     for q in (0, 1):
-        tracker = DiscreteTracker(n, q, mu, dt, 0.3)
+        tracker = make_discrete(n, q, mu, dt, 0.3)
 
         def step(z, k, tracker=tracker):
             y = jnp.sin(k * dt)[None]
@@ -169,4 +171,4 @@ def _():
         "= 3, q = 0 and 1, mu = 10, delta = 0.02. "
         "Shown: the largest error over the bias bound C(n+q, r) / mu^r of the continuous tracker."
     )
-    return Statement(worst < 1.1, worst, why)
+    return Statement(bool(worst < 1.1), worst, why)

@@ -46,7 +46,7 @@ def _():
         for _ in range(n + q - 1):
             power = exact.product(power, a)
         off = max(off, largest(power))
-    return Statement(off == 0, off, "In integers.")
+    return Statement(bool(off == 0), off, "In integers.")
 
 
 @PAPER.claim("(32) H_inf", "identity", printed="double sum over i, j")
@@ -54,7 +54,7 @@ def _():
     n, q, s, dt = 2, 1, 0.6, 0.1
     a, size = tracker_structure(n, q)[0], 3
     unit = np.eye(size)[0]
-    powers = [np.linalg.matrixnilpotent_exponential(a * dt, i) for i in range(size)]
+    powers = [np.linalg.matrix_power(a * dt, i) for i in range(size)]
     total = np.zeros((size, size))
     for k in range(400):
         for i in range(size):
@@ -80,7 +80,7 @@ def _():
     why = (
         f"All nine entries, in fractions, as fixed point of (30) at {len(SIGMAS)} sigmas: more than the degree, hence for all."
     )
-    return Statement(off == 0, off, why)
+    return Statement(bool(off == 0), off, why)
 
 
 @PAPER.claim("(34) gain", "identity", printed="((1-s)(s^2+s+1), 3/2 (s-1)^2 (s+1)/delta, (1-s)^3/delta^2)")
@@ -90,7 +90,7 @@ def _():
         left = exact.product(_h_infinity(s, DT), _gain34(s, DT))
         off = max(off, largest(exact.subtract(left, [[DT], [Fraction(0)], [Fraction(0)]])))
     return Statement(
-        off == 0, off, "H_inf times it is delta C', in fractions; it is the classical gain of the fading-memory filter."
+        bool(off == 0), off, "H_inf times it is delta C', in fractions; it is the classical gain of the fading-memory filter."
     )
 
 
@@ -102,7 +102,7 @@ def _():
         back, unit = scipy.linalg.expm(-a * dt), np.eye(size)[0]
         h = np.zeros((size, size))
         for k in range(400):
-            r = np.linalg.matrixnilpotent_exponential(back, k)[0]
+            r = np.linalg.matrix_power(back, k)[0]
             h += dt * (1 - dec) ** k * np.outer(r, r)
         d = np.sqrt(np.diag(h))
         expected = dt * np.linalg.solve(h / np.outer(d, d), unit / d) / d
@@ -114,7 +114,7 @@ def _():
         "for q > 0 with "
         "n + q for n and the signs of A~. Shown: relative difference from the sum (31), n = 2, 4, 5, 6, sigma = 0.7."
     )
-    return Statement(off < 1e-6, off, why)
+    return Statement(bool(off < 1e-6), off, why)
 
 
 def _numerator(i: int, s: Fraction, dt: Fraction, z: Fraction) -> Fraction:
@@ -155,7 +155,7 @@ def _register(number: int) -> None:
     @PAPER.claim(f"({number}) numerator", "identity", printed=f"numerator of Xhat_{i + 1}(z)/Y(z)")
     def _():
         off = max(abs(float(_transfer(i, s, DT, z) * (z - s) ** 3 - _numerator(i, s, DT, z))) for s, z in POINTS)
-        return Statement(off == 0, off, f"Over (z - sigma)^3, in fractions at {len(POINTS)} points (sigma, z).")
+        return Statement(bool(off == 0), off, f"Over (z - sigma)^3, in fractions at {len(POINTS)} points (sigma, z).")
 
     @PAPER.claim(f"({number}) denominator", "identity", printed="z^3 + (3s-6) z^2 + (6-3s^2) z - 2 + s^3")
     def _():
@@ -191,4 +191,4 @@ def _():
         "With the right denominators both filters have the gain 1 at z = 1, as differentiators need. Shown: the largest "
         "deviation."
     )
-    return Statement(off < 1e-6, off, why)
+    return Statement(bool(off < 1e-6), off, why)

@@ -129,7 +129,7 @@ def _():
         "from "
         "the resolvent (n = 3, q = 2, mu = 3)."
     )
-    return Statement(off < 1e-9, off, why)
+    return Statement(bool(off < 1e-9), off, why)
 
 
 @PAPER.claim("robust against any perturbation", "universal", printed="any perturbation of the signal")
@@ -141,7 +141,7 @@ def _():
         "the "
         "bandwidth noise cannot be told from signal."
     )
-    return Statement(max(gains) < 1, max(gains), why)
+    return Statement(bool(max(gains) < 1), max(gains), why)
 
 
 @PAPER.claim("loss of asymptotic convergence", "universal", printed="main disadvantage")

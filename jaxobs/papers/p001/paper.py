@@ -5,6 +5,7 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +13,8 @@ from jaxtyping import Array, Float
 
 from jaxobs.certificates import exact
 from jaxobs.integrators import RK4, Field
-from jaxobs.observers import Tracker
+from jaxobs.linalg import tracker_structure
+from jaxobs.observers import DiscreteTracker, Tracker
 from jaxobs.papers.claims import Paper
 
 PAPER = Paper("001", "Ibrir, Robust nonpeaking algebraic observers")
@@ -62,6 +64,28 @@ def steady(n: int, q: int, mu: Fraction) -> exact.Matrix:
 def largest(x: exact.Matrix) -> float:
     """The largest absolute entry."""
     return float(max(abs(entry) for row in x for entry in row))
+
+
+def tracker(n: int, q: int, mu: float, start: Any = 1.0) -> Tracker:
+    return Tracker(n, q, jnp.asarray(mu), jnp.asarray(start))
+
+
+def discrete_tracker(n: int, q: int, mu: float, dt: float, start: float) -> DiscreteTracker:
+    return DiscreteTracker(n, q, jnp.asarray(mu), jnp.asarray(dt), jnp.asarray(start))
+
+
+@eqx.filter_jit
+def right_side(tracker: Tracker, eta: Any, elapsed: float, y: Any) -> Array:
+    """eta' of a tracker that sees y, `elapsed` seconds after its start."""
+    return tracker.flow(jnp.zeros(()), (jnp.asarray(eta), jnp.asarray(elapsed)), jnp.zeros((0,)), jnp.asarray([y]))[0]
+
+
+def gain(tracker: Tracker | DiscreteTracker, elapsed: float) -> Float[np.ndarray, " N"]:
+    """K = H^-1 C' after `elapsed` seconds, or delta H_k^-1 C' at sample `elapsed`, in the coordinates of eta."""
+    return tracker_structure(tracker.n, tracker.q)[1] * np.asarray(_plain_gain(tracker, jnp.asarray(elapsed)))
+
+
+_plain_gain = eqx.filter_jit(lambda tracker, elapsed: tracker.gain(elapsed))
 
 
 def path(tracker: Tracker, y: Callable[[Any], Any], ts: Float[np.ndarray, " T"], eta0: Any) -> Float[Array, "T N"]:

@@ -34,7 +34,7 @@ def _():
             v = phi.T @ (math.exp(-mu * t) * back.T)  # Phi'H Phi = Phi' e^{-mu t} e^{-A't} H(0), H(0) = I
             worst = max(worst, float(np.linalg.eigvalsh((v + v.T) / 2)[-1] * math.exp(mu * t)))
     why = "V' = -mu V - (C eta)^2. Shown: the largest V(t) e^{mu t} / V(0) over mu = 3, 20 and t = 0.1, 0.5, 1 (n = 3, q = 1)."
-    return Statement(worst <= 1 + 1e-9, worst, why)
+    return Statement(bool(worst <= 1 + 1e-9), worst, why)
 
 
 @PAPER.claim("(26) ||eta||", "universal", printed="||eta||^2 <= e^{-mu t} ||H(0)|| ||eta(0)||^2 / lambda_min(H(t))")
@@ -45,7 +45,9 @@ def _():
         back = scipy.linalg.expm(-tracker_structure(N, Q)[0] * t)
         h = math.exp(-mu * t) * back.T @ np.linalg.inv(phi)
         worst = max(worst, float(np.linalg.norm(phi, 2) ** 2 * np.linalg.eigvalsh((h + h.T) / 2)[0] * math.exp(mu * t)))
-    return Statement(worst <= 1 + 1e-9, worst, "From (25). Shown: the largest ratio of both sides at three (mu, t), H(0) = I.")
+    return Statement(
+        bool(worst <= 1 + 1e-9), worst, "From (25). Shown: the largest ratio of both sides at three (mu, t), H(0) = I."
+    )
 
 
 @PAPER.claim("(27) epsilon", "universal", printed="lambda_min of the integral >= epsilon for all t > 0")
@@ -76,7 +78,7 @@ def _():
         "as it is; "
         "that mends the proof of Theorem 2."
     )
-    return Statement(1 / (1 + eps) >= 1, 1 / (1 + eps), why)
+    return Statement(bool(1 / (1 + eps) >= 1), 1 / (1 + eps), why)
 
 
 @PAPER.claim("(28) maximum", "identity", printed="sqrt(n+q) (mu e/sqrt(n+q))^(mu/(mu+sqrt(n+q))) / (e (mu+sqrt(n+q)))")
@@ -91,7 +93,7 @@ def _():
         "difference from a "
         "grid. With eps fixed and mu large it lies at t < 0."
     )
-    return Statement(off < 1e-6, off, why)
+    return Statement(bool(off < 1e-6), off, why)
 
 
 @PAPER.claim("(28) limit", "identity", printed="1")
@@ -149,7 +151,7 @@ def _():
         f"From H(0) = H_inf, the steady gain at once: {_at_rates([one.value for one in table])}, i.e. mu^{slope:.3f}, expected "
         f"mu^(n+q-1) (n = 3, q = 1); from H(0) = I at mu = 200: {_table(1.0)[2].value:.4g}."
     )
-    return Statement(abs(slope - (N + Q - 1)) < 0.1, table[2].value, why)
+    return Statement(bool(abs(slope - (N + Q - 1)) < 0.1), table[2].value, why)
 
 
 @PAPER.claim("large mu and the transient", "universal", printed="large mu does not affect the transient behaviour")
@@ -166,4 +168,4 @@ def _():
         f"{steady:.4g} s with "
         "the steady gain (n = 3, q = 1, mu = 60)."
     )
-    return Statement(gentle > steady, gentle, why)
+    return Statement(bool(gentle > steady), gentle, why)

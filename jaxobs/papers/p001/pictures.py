@@ -1,13 +1,15 @@
 """The paper prints no figures; these are ours, of what it speaks of."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-from jaxobs import simulate
+from jaxobs._simulate import simulate
 from jaxobs.designs.tracker import equal_bandwidth, equal_bias, relative_white, response
 from jaxobs.designs.tracker_bounds import peak, transition, transition_steady
 from jaxobs.noise import Gaussian
-from jaxobs.observers import Algebraic, DuffingRational, DuffingRoot, Tracker
+from jaxobs.observers import Algebraic, DuffingRational, DuffingRoot
+from jaxobs.papers.p001.paper import tracker as make_tracker
 from jaxobs.papers.pictures import Line, Panel, Picture
 from jaxobs.plants import Duffing
 
@@ -63,8 +65,10 @@ def duffing() -> Picture:
     ts, mu = np.arange(0, 10, 5e-3), 12.0
     plant, lines, errors = Duffing(), [], []
     for name, phi in (("cubic", DuffingRoot(plant)), ("rational, corrected (41)", DuffingRational(plant))):
-        observer = Algebraic(phi, Tracker(3, 1, mu))
-        run = simulate(plant, observer, x0=(1.0, 0.0), xhat0=(0.0, 0.5), ts=ts, noise=Gaussian(0.1), key=jax.random.key(1))
+        observer = Algebraic(phi, make_tracker(3, 1, mu))
+        run = simulate(
+            plant, observer, x0=(1.0, 0.0), xhat0=(0.0, 0.5), ts=ts, noise=Gaussian(jnp.asarray(0.1)), key=jax.random.key(1)
+        )
         if not lines:
             lines.append(Line("x1", ts, np.asarray(run.x[:, 0]), "--"))
         lines.append(Line(name, ts, np.asarray(run.xhat[:, 0])))

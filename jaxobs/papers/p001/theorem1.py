@@ -10,9 +10,10 @@ import scipy.linalg
 
 from jaxobs.designs import tracker_bounds
 from jaxobs.linalg import tracker_steady, tracker_structure
-from jaxobs.observers import Tracker
 from jaxobs.papers.claims import Statement
 from jaxobs.papers.p001.paper import PAPER, SIZES, path, steady
+from jaxobs.papers.p001.paper import gain as gain_of
+from jaxobs.papers.p001.paper import tracker as make_tracker
 
 
 @functools.cache
@@ -49,14 +50,14 @@ def _():
         "the "
         "sharp constant is 2 sqrt(H~_qq), never above 2 sqrt(L). Shown: the largest ratio of the two."
     )
-    return Statement(worst <= 1, worst, why)
+    return Statement(bool(worst <= 1), worst, why)
 
 
 @PAPER.claim("(16) the bound", "universal", printed="2 y^(n) B'H z <= C1 |y^(n)| sqrt(V) / mu^(q+n-1/2)")
 def _():
     worst = max(a / b for a, b in (_slack(n, q, -1) for n, q in SIZES))
     return Statement(
-        worst <= 1, worst, "As (15), with the sharp constant 2 sqrt(H~_NN). Shown: the largest ratio to 2 sqrt(L)."
+        bool(worst <= 1), worst, "As (15), with the sharp constant 2 sqrt(H~_NN). Shown: the largest ratio to 2 sqrt(L)."
     )
 
 
@@ -66,9 +67,9 @@ def _():
     n, q, mu = 2, 1, 3.0
     h, (a, _, b) = tracker_steady(n, q, mu), tracker_structure(n, q)
     c1 = 2 * math.sqrt(np.linalg.eigvalsh(tracker_steady(n, q))[-1])
-    tracker = Tracker(n, q, mu, 0.4)
+    tracker = make_tracker(n, q, mu, 0.4)
     for t in (0.0, 0.3, 2.0):
-        gain = tracker_structure(n, q)[1] * np.asarray(tracker.gain(jnp.asarray(t)))
+        gain = gain_of(tracker, t)
         lost = tracker_bounds.disturbance(n, q, mu, 0.4, t)
         for _ in range(200):
             z, d, top = rng.normal(size=3), rng.normal(), rng.normal()
@@ -77,7 +78,7 @@ def _():
             inputs = c1 * (abs(top) / mu ** (q + n - 0.5) + abs(d) / mu ** (q - 0.5)) * math.sqrt(v)
             worst = max(worst, (2 * z @ h @ moved + (mu - lost) * v - inputs) / v)
     why = "The sum of (12), (15) and (16), proved with them. Shown: the largest (left - right) / V over 600 random z, d, y^(n)."
-    return Statement(worst <= 0, worst, why)
+    return Statement(bool(worst <= 0), float(worst), why)
 
 
 @PAPER.claim("(18) G(t)", "identity", printed="G = e^{-mu t} e^{-A't} G(0) e^{-At}")
@@ -87,9 +88,9 @@ def _():
     back, g0 = scipy.linalg.expm(-a * t), 0.5 * np.eye(3) - tracker_steady(n, q, mu)
     h = tracker_steady(n, q, mu) + math.exp(-mu * t) * back.T @ g0 @ back
     gain = np.linalg.solve(h, np.eye(3)[0])
-    ours = tracker_structure(n, q)[1] * np.asarray(Tracker(n, q, mu, 0.5).gain(jnp.asarray(t)))
+    ours = gain_of(make_tracker(n, q, mu, 0.5), t)
     off = float(np.max(np.abs(ours / gain - 1)))
-    return Statement(off < 1e-10, off, "The gain from H_inf + G against the tracker's.")
+    return Statement(bool(off < 1e-10), off, "The gain from H_inf + G against the tracker's.")
 
 
 @PAPER.claim("c bars", "universal", printed="||H^(1/2)|| <= c / mu^(1/2), ||H^(-1/2)|| <= C mu^(n+q-1/2)")
@@ -120,7 +121,7 @@ def _():
         back = scipy.linalg.expm(-tracker_structure(n, q)[0] * t)
         ratios.append(np.linalg.norm(back.T @ g0 @ back, 2) / (np.linalg.norm(g0, 2) * np.linalg.norm(back.T @ back, 2)))
     why = "The norm of a product. Shown: the largest ratio of both sides on t = 0.1..3 (n = 3, q = 1, mu = 6, H(0) = I)."
-    return Statement(max(ratios) <= 1, float(max(ratios)), why)
+    return Statement(bool(max(ratios) <= 1), float(max(ratios)), why)
 
 
 @PAPER.claim("e^{2 lambda_max t} = e^{sqrt(q+n) t}", "identity", printed="equality")
@@ -143,7 +144,7 @@ def _():
         "2 cos(pi/(N+1)) <= sqrt(N) for every N (below 2 <= sqrt(N) from N = 4 on). Shown: the largest ratio of the "
         "exponents, N < 40."
     )
-    return Statement(worst <= 1, worst, why)
+    return Statement(bool(worst <= 1), worst, why)
 
 
 @PAPER.claim("H(0) >= H_inf is kept", "universal", printed="||H^-1|| <= ||H_inf^-1|| for H^-1(0) <= H_inf^-1")
@@ -155,7 +156,7 @@ def _():
         f"{np.linalg.norm(tracker_steady(n, q, mu), 2):.6g} at n = 3, q = 1, mu = 10. Shown: the largest theta with I >= theta "
         "H_inf."
     )
-    return Statement(theta >= 1, theta, why)
+    return Statement(bool(theta >= 1), theta, why)
 
 
 @PAPER.claim("(21) gain transient", "universal", printed="2||.|| <= C2 mu^(4(q+n)-2) e^{-(mu - sqrt(q+n)) t}")
@@ -170,7 +171,7 @@ def _():
         "Proved with (19), (20) and H >= H_inf. Shown: the largest ratio of the exact value to the bound, three trackers, "
         "H(0) = I."
     )
-    return Statement(worst <= 1, worst, why)
+    return Statement(bool(worst <= 1), worst, why)
 
 
 @PAPER.claim("C_2 independent of mu", "identity", printed="C_2 = 2 C_0 c^4 does not depend on mu")
@@ -213,7 +214,7 @@ def _():
         f"Valid for mu >= 1, but (22) gives one power more, the q+n+1/2 and q+1/2 of (6): the input over the rate, "
         f"(4/mu)(C1/2) = {ours:g} C1 at mu = 20 instead of 2 C1."
     )
-    return Statement(ours <= 2, ours, why)
+    return Statement(bool(ours <= 2), ours, why)
 
 
 @PAPER.claim("(6) bound", "universal", printed="Theorem 1", long=True)
@@ -221,7 +222,7 @@ def _():
     n, q, mu, noise = 2, 1, 20.0, 0.05
     bound = constants(n, q, mu)
     ts = np.arange(0, 12, 1e-3)
-    eta = path(Tracker(n, q, mu, 1.0), lambda t: jnp.sin(t) + noise * jnp.sign(jnp.sin(12 * t)), ts, [0.0, 1.0, -1.0])
+    eta = path(make_tracker(n, q, mu, 1.0), lambda t: jnp.sin(t) + noise * jnp.sign(jnp.sin(12 * t)), ts, [0.0, 1.0, -1.0])
     z = np.asarray(eta) - np.stack([0 * ts, np.sin(ts), np.cos(ts)], axis=1)
     w = np.sqrt(np.einsum("ti,ij,tj->t", z, tracker_steady(n, q, mu), z))
     at = int(np.searchsorted(ts, bound.T))
@@ -232,7 +233,7 @@ def _():
         f"q = 1, mu = 20, H(0) = I): T = {bound.T:.4f} s, K_0 = mu W(T) = {mu * w[at]:.4g}, K_1 = {bound.k1:.4f}; at most the "
         "share shown of the bound is used."
     )
-    return Statement(ratio <= 1, ratio, why)
+    return Statement(bool(ratio <= 1), ratio, why)
 
 
 @PAPER.claim("||e|| <= ||z|| in H_inf", "universal", printed="used for (6)")
@@ -257,4 +258,4 @@ def _():
         f"polynomial. Shown: the share of mu that the gain's transient takes after 160 s at mu = 0.5 < 2 (n = 3, q = 1); "
         f"{left[0]:.3g} after 20 s, {left[1]:.3g} after 80 s."
     )
-    return Statement(left[-1] < 0.5, left[-1], why)
+    return Statement(bool(left[-1] < 0.5), left[-1], why)

@@ -3,7 +3,6 @@
 import math
 from fractions import Fraction
 
-import jax.numpy as jnp
 import numpy as np
 import scipy.integrate
 import scipy.linalg
@@ -11,9 +10,10 @@ import scipy.linalg
 from jaxobs.certificates import exact
 from jaxobs.designs import tracker_bounds
 from jaxobs.linalg import tracker_steady, tracker_structure
-from jaxobs.observers import Tracker
 from jaxobs.papers.claims import Statement
-from jaxobs.papers.p001.paper import PAPER, SIZES, largest, steady, structure
+from jaxobs.papers.p001.paper import PAPER, SIZES, largest, right_side, steady, structure
+from jaxobs.papers.p001.paper import gain as gain_of
+from jaxobs.papers.p001.paper import tracker as make_tracker
 
 MU = Fraction(7, 2)
 
@@ -27,7 +27,7 @@ def _():
         residual = np.linalg.solve(np.asarray(steady(n, 0, Fraction(2)), float), np.eye(n)[0]) - gain
         off = max(off, float(np.max(np.abs(residual / gain))))
     return Statement(
-        off < 1e-9, off, "P^-1 C' = (C(n, i) mu^i): all n poles lie at -mu. Largest relative residual, n = 2, 3, 5."
+        bool(off < 1e-9), off, "P^-1 C' = (C(n, i) mu^i): all n poles lie at -mu. Largest relative residual, n = 2, 3, 5."
     )
 
 
@@ -36,13 +36,13 @@ def _():
     off, rng = 0.0, np.random.default_rng(0)
     for n, q in ((2, 1), (3, 2), (2, 3)):
         mu = 3.0
-        tracker, eta, y = Tracker(n, q, mu, tracker_steady(n, q, mu)), rng.normal(size=n + q), 0.7
+        tracker, eta, y = make_tracker(n, q, mu, tracker_steady(n, q, mu)), rng.normal(size=n + q), 0.7
         k = np.linalg.solve(tracker_steady(n, q, mu), np.eye(n + q)[0])
         xi, xhat = eta[:q], eta[q:]
         written = np.concatenate([np.append(xi[1:], y - xhat[0]) - k[:q] * xi[0], np.append(xhat[1:], 0) - k[q:] * xi[0]])
-        ours = tracker.flow(jnp.zeros(()), (jnp.asarray(eta), jnp.zeros(())), jnp.zeros((0,)), jnp.asarray([y]))[0]
+        ours = right_side(tracker, eta, 0.0, y)
         off = max(off, float(np.max(np.abs(ours - written)) / np.max(np.abs(written))))
-    return Statement(off < 1e-12, off, "(3), row by row, against the tracker's right-hand side.")
+    return Statement(bool(off < 1e-12), off, "(3), row by row, against the tracker's right-hand side.")
 
 
 @PAPER.claim("(7) H(t)", "identity", printed="explicit solution of the Lyapunov equation")
@@ -59,9 +59,9 @@ def _():
         back = scipy.linalg.expm(-a * t)
         h = math.exp(-mu * t) * start * back.T @ back + scipy.integrate.quad_vec(integrand, 0, t, epsabs=1e-13)[0]
         gain = np.linalg.solve(h, c[0])
-        ours = tracker_structure(n, q)[1] * np.asarray(Tracker(n, q, mu, start).gain(jnp.asarray(t)))
+        ours = gain_of(make_tracker(n, q, mu, start), t)
         off = max(off, float(np.max(np.abs(ours - gain)) / np.max(np.abs(gain))))
-    return Statement(off < 1e-9, off, "The gain of (7) by quadrature against the closed form that the tracker uses.")
+    return Statement(bool(off < 1e-9), off, "The gain of (7) by quadrature against the closed form that the tracker uses.")
 
 
 @PAPER.claim("(7) H(t) > 0", "universal", printed="H(t) is always positive definite")
@@ -78,7 +78,7 @@ def _():
         "The first term of (7) is a congruence of H(0) > 0 and the second is >= 0: proved for every t. Shown: the smallest "
         "eigenvalue of H(t) scaled to unit diagonal, over (n, q) and mu t = 0.01, 1, 30."
     )
-    return Statement(min(lows) > 0, min(lows), why)
+    return Statement(bool(min(lows) > 0), min(lows), why)
 
 
 @PAPER.claim("(8) integral", "identity", printed="int_0^inf e^{-mu(t-tau)} ... dtau")
@@ -102,7 +102,7 @@ def _():
     why = (
         "In closed form (H~)_ij = (-1)^(i+j) s_i s_j C(i+j-2, i-1), s = 1 on xi and -1 on xhat; residual of (11) in fractions."
     )
-    return Statement(off == 0, off, why)
+    return Statement(bool(off == 0), off, why)
 
 
 def _lyapunov(n: int, q: int, mu: Fraction) -> exact.Matrix:
@@ -118,24 +118,24 @@ def _lyapunov(n: int, q: int, mu: Fraction) -> exact.Matrix:
 @PAPER.claim("(9)-(10) error equation", "identity", printed="z' = (A~ - H^-1 C'C) z + B_xi d - B y^(n)")
 def _():
     n, q, mu = 3, 2, 3.0
-    tracker = Tracker(n, q, mu, 0.5)
+    tracker = make_tracker(n, q, mu, 0.5)
     rng = np.random.default_rng(1)
     xi, xhat, x, d, top = rng.normal(size=q), rng.normal(size=n), rng.normal(size=n), 0.3, 1.7  # top is y^(n)
     eta, elapsed = np.concatenate([xi, xhat]), 0.4
-    moved = tracker.flow(jnp.zeros(()), (jnp.asarray(eta), jnp.asarray(elapsed)), jnp.zeros((0,)), jnp.asarray([x[0] + d]))[0]
+    moved = right_side(tracker, eta, elapsed, x[0] + d)
     left = np.asarray(moved) - np.concatenate([np.zeros(q), np.append(x[1:], top)])
-    a, s, b = tracker_structure(n, q)
-    gain = s * np.asarray(tracker.gain(jnp.asarray(elapsed)))
+    a, _, b = tracker_structure(n, q)
+    gain = gain_of(tracker, elapsed)
     z = np.concatenate([xi, xhat - x])
     right = a @ z - gain * z[0] + b * d - np.eye(n + q)[-1] * top
     off = float(np.max(np.abs(left - right)) / np.max(np.abs(right)))
-    return Statement(off < 1e-12, off, "For q > 0; without integrators d enters through H^-1 C' instead of B_xi.")
+    return Statement(bool(off < 1e-12), off, "For q > 0; without integrators d enters through H^-1 C' instead of B_xi.")
 
 
 @PAPER.claim("(11) H_inf", "identity", printed="-mu H - A'H - H A + C'C = 0")
 def _():
     off = max(largest(_lyapunov(n, q, MU)) for n, q in SIZES)
-    return Statement(off == 0, off, f"Exact, at mu = {MU}, for (n, q) = {SIZES}.")
+    return Statement(bool(off == 0), off, f"Exact, at mu = {MU}, for (n, q) = {SIZES}.")
 
 
 @PAPER.claim("(5) V'", "identity", printed="V' = z'(A0'H + H A0 + 2 H dH C'C) z + 2 d B'H z - 2 y^(n) B'H z")
@@ -144,13 +144,13 @@ def _():
     (a, _, b), c = tracker_structure(n, q), np.eye(n + q)[0]
     h, rng = tracker_steady(n, q, mu), np.random.default_rng(2)
     z, d, top = rng.normal(size=n + q), 0.7, -1.1
-    gain = tracker_structure(n, q)[1] * np.asarray(Tracker(n, q, mu, 0.4).gain(jnp.asarray(t)))
+    gain = gain_of(make_tracker(n, q, mu, 0.4), t)
     moved = (a - np.outer(gain, c)) @ z + b * d - np.eye(n + q)[-1] * top
     best = np.linalg.solve(h, c)
     a0 = a - np.outer(best, c)
     right = z @ (a0.T @ h + h @ a0 + 2 * h @ np.outer(best - gain, c)) @ z + 2 * d * b @ h @ z - 2 * top * h[-1] @ z
     off = abs(2 * z @ h @ moved / right - 1)
-    return Statement(off < 1e-10, off, "Numbered (5) although it follows (11).")
+    return Statement(bool(off < 1e-10), off, "Numbered (5) although it follows (11).")
 
 
 @PAPER.claim("(12) V' bound", "universal", printed="V' <= -(mu - 2||.||) V + ...")
@@ -169,7 +169,7 @@ def _():
         "A0'H + H A0 = -mu H - C'C exactly (residual shown, in fractions), so even (C z)^2 is left over; the rest is "
         "Cauchy-Schwarz."
     )
-    return Statement(off == 0, off, why)
+    return Statement(bool(off == 0), off, why)
 
 
 def _steady_gain(n: int, q: int, mu: Fraction) -> list[Fraction]:
@@ -183,7 +183,7 @@ def _():
         d = exact.diagonal([1 / MU ** (i + 1) for i in range(n + q)])
         right = exact.scale(MU, exact.product(d, exact.product(steady(n, q, Fraction(1)), d)))
         off = max(off, largest(exact.subtract(steady(n, q, MU), right)))
-    return Statement(off == 0, off, "In fractions.")
+    return Statement(bool(off == 0), off, "In fractions.")
 
 
 @PAPER.claim("(14) V between its bounds", "universal", printed="mu l ||D z||^2 <= V <= mu L ||D z||^2")

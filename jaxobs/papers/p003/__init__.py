@@ -2,6 +2,7 @@
 
 from jaxobs.papers.p003 import forms as forms
 from jaxobs.papers.p003 import gramians as gramians
+from jaxobs.papers.p003 import numerics as numerics
 from jaxobs.papers.p003 import proof as proof
 from jaxobs.papers.p003 import rows as rows
 from jaxobs.papers.p003.paper import PAPER as PAPER

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-import jaxobs._simulate as simulation
+from jaxobs._simulate import simulate
 from jaxobs.designs import Infeasible, lemma1, triangular
 from jaxobs.excitation import structure
 from jaxobs.observers import Lyapunov
@@ -50,7 +50,7 @@ def _():
 def _():
     plant = Hovercraft()
     ts = np.arange(0, 8.005, 0.01)
-    run = simulation.simulate(
+    run = simulate(
         plant,
         Lyapunov(plant, jnp.asarray(6.0), jnp.eye(5)),
         x0=[0.0, 0.0, 1.0, -1.0, 2.0],
@@ -118,7 +118,7 @@ def _():
     slopes = np.array([[2.0, 0, 0], [3.0, 1.0, 0], [0, 0, 0]])  # 1 = (c / w_c + d) / J, the friction at standstill
     observer, certificate = triangular(plant, slopes=slopes, couplings=(seen.lower, seen.upper))
     ts = np.arange(0, 6.0, 0.002)
-    run = simulation.simulate(
+    run = simulate(
         plant, observer, x0=[0.0, 2.0, 0.5], xhat0=np.zeros(3), ts=ts, signal=_Field(),
     )  # fmt: skip
     error = jnp.linalg.norm(run.x - run.xhat, axis=1)
@@ -202,7 +202,7 @@ def _():
     s = Lyapunov(plant, jnp.asarray(mu), jnp.eye(3))
     ts = jnp.arange(0, 5.0, 0.01)
     zero = jnp.zeros((0,))
-    run = simulation.simulate(plant, s, x0=np.ones(3), xhat0=np.zeros(3), ts=ts)
+    run = simulate(plant, s, x0=np.ones(3), xhat0=np.zeros(3), ts=ts)
     steady = [3 * mu, 3 * mu**2, mu**3]
     closed = np.asarray(
         [[1 / mu, -1 / mu**2, 1 / mu**3], [-1 / mu**2, 2 / mu**3, -3 / mu**4], [1 / mu**3, -3 / mu**4, 6 / mu**5]]

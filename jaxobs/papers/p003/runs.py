@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-import jaxobs._simulate as simulation
+from jaxobs._simulate import simulate
 from jaxobs.designs import lemma1
 from jaxobs.excitation import Excitation, classify
 from jaxobs.integrators import RK4, Field
@@ -53,7 +53,7 @@ def _both() -> tuple[dict[str, Errors], dict[str, Errors]]:
     growths = jnp.asarray([0.0, GROWTH])  # x2' = 0 is example 1
 
     def last(plant, observer, path):
-        trajectory = simulation.simulate(plant, observer, x0=[1.0, 1.0], xhat0=[0.0, 0.0], ts=ts, signal=Recorded(knots, path))
+        trajectory = simulate(plant, observer, x0=[1.0, 1.0], xhat0=[0.0, 0.0], ts=ts, signal=Recorded(knots, path))
         return jnp.linalg.norm((trajectory.x - trajectory.xhat)[-1]) / jnp.sqrt(2.0)
 
     def constant(growth, path):

@@ -32,7 +32,7 @@ def joint_run(own: bool) -> Trajectory:
     plant = FlexibleJoint()
     gain = joint.own_design(1.0) if own else np.asarray(JOINT_GAIN)
     ts = np.arange(12001) * 2.5e-4
-    return simulate(plant, Luenberger(plant, jnp.asarray(gain)), x0=JOINT_START, xhat0=[0.0] * 4, ts=ts, signal=Sine(1.0, 1.0))
+    return simulate(plant, Luenberger(plant, jnp.asarray(gain)), x0=JOINT_START, xhat0=[0.0] * 4, ts=ts, signal=Sine())
 
 
 @functools.cache

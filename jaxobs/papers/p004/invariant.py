@@ -25,7 +25,12 @@ T, B = Fraction(1, 1000), Fraction(8, 3)
 BOX = ((-30.0, -30.0, -2.0), (30.0, 30.0, 58.0))
 
 
-def form(one=0, x3=0, x1x1=0, x2x2=0, x3x3=0, x1x2=0) -> exact.Matrix:
+Number = Fraction | int
+
+
+def form(
+    one: Number = 0, x3: Number = 0, x1x1: Number = 0, x2x2: Number = 0, x3x3: Number = 0, x1x2: Number = 0
+) -> exact.Matrix:
     """one + x3 x_3 + ... as a symmetric matrix over (1, x1, x2, x3)."""
     half = Fraction(1, 2)
     q = exact.zeros(4, 4)
@@ -62,7 +67,10 @@ def _witness(a: Fraction, level: Fraction, sign: int) -> tuple[Fraction, ...]:
     """Multipliers proposed by a solver, at least 0, as rationals."""
     scales = np.diag([1 / 30, 1.0, 1.0, 1.0])
     start = np.array(remainder(a, level, sign, (Fraction(0), Fraction(0))), float)
-    units = [np.array(remainder(a, level, sign, pair), float) - start for pair in ((Fraction(1), 0), (0, Fraction(1)))]
+    units = [
+        np.array(remainder(a, level, sign, pair), float) - start
+        for pair in ((Fraction(1), Fraction(0)), (Fraction(0), Fraction(1)))
+    ]
 
     def lmis(first, second):
         f = start + float(first) * units[0] + float(second) * units[1]

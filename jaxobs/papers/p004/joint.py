@@ -30,17 +30,22 @@ def twist(start: float = 0.0, end: float = 20.0) -> float:
     plant = FlexibleJoint()
     ts = np.arange(round(end / 0.005) + 1) * 0.005
     x0 = [0.0, 0.0, start, 0.0]
-    run = simulate(plant, Luenberger(plant, jnp.zeros((4, 2))), x0=x0, xhat0=x0, ts=ts, signal=Sine(1.0, 1.0))
+    run = simulate(plant, Luenberger(plant, jnp.zeros((4, 2))), x0=x0, xhat0=x0, ts=ts, signal=Sine())
     return float(np.max(np.abs(np.asarray(run.x[:, 2] - run.x[:, 0]))))
 
 
 @functools.cache
-def proves(angle: float) -> bool:
-    """Whether the printed L has a certificate for |theta_l - theta_m| <= angle, accepted exactly."""
+def proof(angle: float):
+    """The certificate of the printed L for |theta_l - theta_m| <= angle, accepted exactly, or None."""
     try:
-        return bool(corner_lmi.prove(joint_model(angle), np.asarray(JOINT_GAIN)).verify())
+        return corner_lmi.prove(joint_model(angle), np.asarray(JOINT_GAIN))
     except Infeasible:
-        return False
+        return None
+
+
+def proves(angle: float) -> bool:
+    found = proof(angle)
+    return found is not None and bool(found.verify())
 
 
 @functools.cache
@@ -87,7 +92,7 @@ def _():
 @PAPER.claim("(17) g", "identity", printed="g(y, u) = (0, K/J_m, 0, 0)", scan=True)
 def _():
     plant, u = FlexibleJoint(), jnp.asarray([0.5])
-    given = plant.flow(0.0, jnp.zeros(4), u)[1]  # at rest the second line of (17) is K u / J_m
+    given = plant.flow(jnp.asarray(0.0), jnp.zeros(4), u)[1]  # at rest the second line of (17) is K u / J_m
     printed = plant.amplifier / plant.motor_inertia
     miss = float(given - printed)
     return Statement(

@@ -54,6 +54,7 @@ def region() -> tuple[float, float]:
     """
     low, high = (np.asarray(end) for end in invariant.BOX)
     wide = certificate((tuple(low - SLACK), tuple(high + SLACK)), lorenz_midpoint)
+    assert wide is not None
     p = np.asarray(wide.p)
     level = float(np.min((2 * SLACK) ** 2 / np.diag(np.linalg.inv(p))))
     return level, math.sqrt(level / float(np.ones(3) @ p @ np.ones(3)))
@@ -63,9 +64,9 @@ def region() -> tuple[float, float]:
 def own_designs() -> tuple[np.ndarray, np.ndarray]:
     """Our gains on the invariant box: with the midpoint split; and for the saturated model, whose estimate may be anywhere."""
     factor = 1 - PERIOD
-    split, _ = lpv_lmi(lorenz_plant(), bounds=lorenz_midpoint(*invariant.BOX), rate=factor)
-    plant = Discretised(Saturated(Lorenz(), *(jnp.asarray(end) for end in invariant.BOX)), Euler(), PERIOD)
-    everywhere, _ = lpv_lmi(plant, bounds=lorenz_entries(*invariant.BOX), rate=factor)
+    _, split = lpv_lmi(lorenz_plant(), bounds=lorenz_midpoint(*invariant.BOX), rate=factor)
+    plant = Discretised(Saturated(Lorenz(), *(jnp.asarray(end) for end in invariant.BOX)), Euler(), jnp.asarray(PERIOD))
+    _, everywhere = lpv_lmi(plant, bounds=lorenz_entries(*invariant.BOX), rate=factor)
     return np.asarray(split.gain), np.asarray(everywhere.gain)
 
 

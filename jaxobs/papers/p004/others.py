@@ -2,25 +2,18 @@
 
 import functools
 
-import numpy as np
-
-from jaxobs.designs import Infeasible, corner_lmi, lpv_model, simulated_entries, undetectable
+from jaxobs.designs import Infeasible, undetectable
 from jaxobs.papers.claims import Statement
-from jaxobs.papers.p004.paper import PAPER, as_text, attractor
-from jaxobs.plants import Rossler, VanDerPolSeen
+from jaxobs.papers.p004.paper import PAPER, as_text, attractor, certified_gain, seen_model
 
 
 @functools.cache
 def seen_through(kind: str, state: int) -> str:
     """What a constant gain can do with y = x_state, for slopes in the extremes of a simulated run."""
-    samples = attractor(kind)
-    output = np.eye(samples.shape[1])[[state - 1]]
-    plant = Rossler(output=output) if kind == "rossler" else VanDerPolSeen(output=output)
-    model = lpv_model(plant, simulated_entries(plant, samples))
-    if (point := undetectable(model)) is not None:
+    if (point := undetectable(seen_model(kind, state))) is not None:
         return f"y = x{state}: no gain can work, {point}"
     try:
-        gain, _ = corner_lmi.synthesise(model)
+        gain = certified_gain(kind, state)
     except Infeasible as nothing:
         return f"y = x{state}: no common P was found (margin {nothing.margin:.2g})"
     return f"y = x{state}: L = {as_text(gain.T)}' has an exact certificate"

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxobs._simulate import simulate
-from jaxobs.designs import Channels, lpv_model, midpoint_channels, slope_entries
+from jaxobs.designs import Channels, corner_lmi, lpv_model, midpoint_channels, simulated_entries, slope_entries
+from jaxobs.designs.polytope import Polytope
 from jaxobs.integrators import Euler
 from jaxobs.observers import Luenberger, StepLuenberger
 from jaxobs.papers.claims import Paper
@@ -27,7 +28,7 @@ PERIOD = 0.001  # T of example 3
 
 def forcing() -> Sine:
     """u = 11 cos t of example 1."""
-    return Sine(11.0, 1.0, np.pi / 2)
+    return Sine(jnp.asarray(11.0), phase=jnp.asarray(np.pi / 2))
 
 
 def duffing_model(slope: float = DUFFING_SLOPE):
@@ -47,7 +48,7 @@ def joint_model(angle: float):
 
 def lorenz_plant() -> Discretised:
     """Example 3: the Euler map of the Lorenz system."""
-    return Discretised(Lorenz(), Euler(), PERIOD)
+    return Discretised(Lorenz(), Euler(), jnp.asarray(PERIOD))
 
 
 def lorenz_entries(lower, upper) -> Channels:
@@ -92,9 +93,18 @@ def attractor(kind: str) -> np.ndarray:
     return np.asarray(run.x)[10_000:]
 
 
-def in_figures(x: float) -> str:
-    """A number as prose has it."""
-    return f"{x:.4g}"
+def seen_model(kind: str, state: int) -> Polytope:
+    """The error with y = x_state, slopes in the extremes of a simulated run."""
+    samples = attractor(kind)
+    output = jnp.eye(samples.shape[1])[state - 1 : state]
+    plant = Rossler(output=output) if kind == "rossler" else VanDerPolSeen(output=output)
+    return lpv_model(plant, simulated_entries(plant, samples))
+
+
+@functools.cache
+def certified_gain(kind: str, state: int) -> np.ndarray:
+    """L with an exact certificate there; Infeasible if none is found."""
+    return corner_lmi.synthesise(seen_model(kind, state))[0]
 
 
 def as_text(gain) -> str:
