@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from jaxobs import datasets as datasets
     from jaxobs import designs as designs
     from jaxobs import excitation as excitation
-    from jaxobs import excitation as excitation
     from jaxobs import hurwitz as hurwitz
     from jaxobs import integrators as integrators
     from jaxobs import linalg as linalg

@@ -95,8 +95,12 @@ def reproduce(
         SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=Console(stderr=True), transient=True
     ) as progress:
         task = progress.add_task("starting", total=None)
+
+        def show(what: str) -> None:
+            progress.update(task, description=escape(what))
+
         for number in papers.PAPERS if paper is None else (paper,):
-            found = list(papers.reproduce(number, short=short, progress=lambda what: progress.update(task, description=escape(what))))
+            found = list(papers.reproduce(number, short=short, progress=show))
             rows += found
             if not as_json:
                 _print_paper(console, papers.load(number), found)

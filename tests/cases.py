@@ -100,7 +100,8 @@ CASES: dict[str, Callable[[Callable[[Any], jax.Array]], Module]] = {  # f makes 
     "StepIntegral q=0": lambda f: observers.StepIntegral(plants.VanDerPol(f(1.3)), f([0.4, 0.3]), f(DT), 0),
     "StepLyapunov": lambda f: observers.StepLyapunov(
         plants.FieldMotor(f(1.0), f(0.4), f(1.1), f(0.5), f(0.2), f(0.6), f(0.1)), f(3.0), f(DT), f(0.5)),
-    "StepLyapunov state-affine": lambda f: observers.StepLyapunov(plants.GatedChain(), f(3.0), f(DT), f([[0.5, 0.1], [0.1, 1.0]])),
+    "StepLyapunov state-affine": lambda f: observers.StepLyapunov(
+        plants.GatedChain(), f(3.0), f(DT), f([[0.5, 0.1], [0.1, 1.0]])),
     "StepLyapunov blocks": lambda f: observers.StepLyapunov(plants.Hovercraft(f(0.7)), f(3.0), f(DT), f(1.0)),
     "StepLuenberger": lambda f: observers.StepLuenberger(
         plants.Discretised(plants.Pendulum(f(1.2), f(0.3)), integrators.Euler(), f(DT)), f([[0.4], [0.3]])),

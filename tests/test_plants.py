@@ -30,7 +30,7 @@ def rossler(x, u):
 
 def saturated(x, u):
     s = np.minimum(np.maximum(x, [-0.5, -0.4, 0.0]), [0.6, 0.5, 0.8])
-    return lorenz(x) + [0, x[0] * x[2] - s[0] * s[2], s[0] * s[1] - x[0] * x[1]]
+    return lorenz(x) + np.asarray([0, x[0] * x[2] - s[0] * s[2], s[0] * s[1] - x[0] * x[1]])
 
 
 def leg(x):

@@ -22,9 +22,21 @@ from jaxobs.certificates.switching_instability import SwitchingInstability
 from jaxobs.certificates.triangular_gain import TriangularGain
 
 THEOREMS: dict[str, type[AbstractCertificate]] = {
-    kind.theorem: kind for kind in (
-        Condition5, Corners, EulerModel, FrozenInstability, HighGainLmi, LinearError, NoCommonQuadratic, NoHighGainLmi, SLemma,
-        StandardHighGain, StepCorners, SwitchingInstability, TriangularGain,
+    kind.theorem: kind
+    for kind in (
+        Condition5,
+        Corners,
+        EulerModel,
+        FrozenInstability,
+        HighGainLmi,
+        LinearError,
+        NoCommonQuadratic,
+        NoHighGainLmi,
+        SLemma,
+        StandardHighGain,
+        StepCorners,
+        SwitchingInstability,
+        TriangularGain,
     )
 }
 

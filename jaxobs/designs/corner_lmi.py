@@ -119,7 +119,7 @@ def _recentred(way: Climb, gain: np.ndarray):
 
 
 def _certificate(model, gain, p, rate, step, origin) -> Corners | StepCorners:
-    fields = {name: _tuples(getattr(model, name)) for name in ("a", "b", "c", "lower", "upper", "output")}
+    fields: dict[str, Any] = {name: _tuples(getattr(model, name)) for name in ("a", "b", "c", "lower", "upper", "output")}
     fields |= {"gain": _tuples(gain), "p": _tuples(p), "origin": origin}
     fields |= {"tied": model.tied if len(set(model.tied)) < model.r else ()}
     return StepCorners(**fields, factor=rate) if step else Corners(**fields, rate=rate)

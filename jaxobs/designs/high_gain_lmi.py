@@ -1,5 +1,6 @@
 """High-gain observers of a chain by linear matrix inequalities: standard, and with the last j0 slopes by corners (HG/LMI)."""
 
+import itertools
 from typing import Any
 
 import jax.numpy as jnp
@@ -149,18 +150,23 @@ def _smallest_gain(pairs, j0, theta, sigma, constant, rate) -> np.ndarray | None
         return None
     f, e1 = error_matrices(rows, None), np.eye(1, n)
 
-    def lmis(p, y, size, lam):
-        bounded = np.block([[size.reshape(1, 1), y], [y.T, p]])  # K'P K <= size
+    def lmis(p, y, size, lam, unit):
+        y = unit * y
+        bounded = np.block([[unit**2 * size.reshape(1, 1), y], [y.T, p]])  # K'P K <= unit^2 size
         return [np.eye(n) - p, bounded, *(-(p @ one + one.T @ p - y.T @ e1 - e1.T @ y) - lam * np.eye(n) for one in f)]
 
-    for share in (0.1, 0.5) if rate == 0 else (1e-3, 1e-2, 0.1, 0.5):
+    unknowns = {"p": sdp.symmetric(n, reach=1.0), "y": sdp.full(1, n), "size": sdp.scalar(reach=1e6)}
+    shares = (0.1, 0.5) if rate == 0 else (1e-3, 1e-2, 0.1, 0.5)
+    for unit, share in itertools.product((1.0, 10.0, 100.0), shares):  # large gains are lost in rounding in a small unit
         lam = needed + share * (best - needed)
-        unknowns = {"p": sdp.symmetric(n, reach=1.0), "y": sdp.full(1, n), "size": sdp.scalar(reach=1e6)}
         found = sdp.optimise(
-            unknowns, lambda p, y, size, lam=lam: lmis(p, y, size, lam), maximise=lambda p, y, size: -size, margin=1e-9
+            unknowns,
+            lambda p, y, size, lam=lam, unit=unit: lmis(p, y, size, lam, unit),
+            maximise=lambda p, y, size: -size,
+            margin=1e-9,
         )
         if found.values and np.linalg.eigvalsh(found.values["p"])[0] > 0:
-            k = np.linalg.solve(found.values["p"], found.values["y"][0])
+            k = unit * np.linalg.solve(found.values["p"], found.values["y"][0])
             if largest_lambda(rows, k).attained > needed:
                 return k
     return None

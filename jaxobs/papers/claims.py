@@ -155,5 +155,5 @@ def _verdict(claim: Claim, evidence: Evidence) -> Verdict:
             return "false as stated"
         case Point(True, ours):
             return "reproduced" if ours is None or _agrees(claim.printed, ours) else "conservative"
-        case Statement(holds):
-            return "open" if holds is None else "reproduced" if holds else "false as stated"
+        case _:
+            return "open" if evidence.holds is None else "reproduced" if evidence.holds else "false as stated"

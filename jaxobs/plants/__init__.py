@@ -6,9 +6,9 @@ from jaxobs.plants.base import AbstractStepPlant as AbstractStepPlant
 from jaxobs.plants.discretised import Discretised as Discretised
 from jaxobs.plants.duffing import Duffing as Duffing
 from jaxobs.plants.field_motor import FieldMotor as FieldMotor
-from jaxobs.plants.forms import AbstractBlockTriangular as AbstractBlockTriangular
 from jaxobs.plants.flexible_joint import FlexibleJoint as FlexibleJoint
 from jaxobs.plants.forced_duffing import ForcedDuffing as ForcedDuffing
+from jaxobs.plants.forms import AbstractBlockTriangular as AbstractBlockTriangular
 from jaxobs.plants.forms import AbstractChain as AbstractChain
 from jaxobs.plants.forms import AbstractLipschitz as AbstractLipschitz
 from jaxobs.plants.forms import AbstractStateAffine as AbstractStateAffine

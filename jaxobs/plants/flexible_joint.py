@@ -9,9 +9,9 @@ from jaxobs.plants.forms import AbstractLipschitz
 class FlexibleJoint(AbstractLipschitz):
     """J_m theta_m'' = tau - b theta_m' + K u,   J_l theta_l'' = -tau - M g h sin(theta_l),   tau = k1 d + k2 d^3,
 
-    d = theta_l - theta_m, x = (theta_m, theta_m', theta_l, theta_l'), y = (theta_m', theta_m). Angles in rad, J_m, J_l [kg m^2],
-    M [kg], h [m] from the axis to the centre of mass, damping b [N m s], gain K [N m / V], k1 [N m], k2 [N m], input u [V],
-    gravity [m/s^2] (the paper gives no value: 9.81). The defaults are those of the paper; its g lacks the u.
+    d = theta_l - theta_m, x = (theta_m, theta_m', theta_l, theta_l'), y = (theta_m', theta_m). Angles in rad, J_m, J_l
+    [kg m^2], M [kg], h [m] from the axis to the centre of mass, damping b [N m s], gain K [N m / V], k1 [N m], k2 [N m],
+    input u [V], gravity [m/s^2] (the paper gives no value: 9.81). The defaults are those of the paper; its g lacks the u.
     """
 
     motor_inertia: Scalar = param(default=3.7e-3)

@@ -3,16 +3,15 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxobs._module import param, refuse, require_instance, require_shape
-from jaxobs._module import concrete
+from jaxobs._module import concrete, param, refuse, require_instance, require_shape
 from jaxobs.plants.forms import AbstractLipschitz
 
 
 class Saturated(AbstractLipschitz):
-    """x' = A x + B f(sat(x)) + g(y, u), sat(x) = min(max(x, lower), upper): equal to the plant on the box, Lipschitz everywhere.
+    """x' = A x + B f(sat(x)) + g(y, u), sat(x) = min(max(x, lower), upper): the plant on the box, Lipschitz everywhere.
 
-    plant in the form of paper 004; lower <= upper (n,). Then f(sat(x)) - f(sat(z)) = sum_ij e_i d_ij (x_j - z_j), where each d_ij
-    lies between 0 and the slopes of f on the box: bounds on the box, extended to include 0, hold for every z.
+    plant in the form of paper 004; lower <= upper (n,). Then f(sat(x)) - f(sat(z)) = sum_ij e_i d_ij (x_j - z_j), where each
+    d_ij lies between 0 and the slopes of f on the box: bounds on the box, extended to include 0, hold for every z.
     """
 
     plant: AbstractLipschitz

@@ -59,7 +59,7 @@ def noise_law() -> Picture:
     caption = (
         "Broadband noise: the law sigma sqrt(T_s gamma^3 c), and its value relative to alphas (3, 2) at equal gamma, and with "
         "alphas optimised for each q at equal settling time, squared error and spectral abscissa; dots: measured on the "
-        f"pendulum. {OURS}."
+        f"pendulum, with the fastest poles held back. {OURS}."
     )
     return Picture("000_noise_law", caption, panels)
 

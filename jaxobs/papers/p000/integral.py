@@ -1,5 +1,8 @@
 """(37)-(48), corollary 2: the q-integral observer, its input-to-state gain, and the form in which it can run."""
 
+# A type checker does not see that param() converts floats and lists.
+# pyright: reportArgumentType=false
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float

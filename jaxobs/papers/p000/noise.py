@@ -3,6 +3,9 @@
 Var e_x2 = sigma^2 T_s gamma^3 c(alphas, q) for broadband noise, phi left out. Ratios refer to the paper's alphas (3, 2), q = 0.
 """
 
+# A type checker does not see that param() converts floats and lists.
+# pyright: reportArgumentType=false
+
 import math
 from functools import lru_cache
 
@@ -176,8 +179,8 @@ def _measured(measure: str) -> Statement:
     middle = table[:, 1:3].mean(axis=1)
     off = float(np.max(np.abs(middle / np.asarray(law) - 1)))
     why = (
-        f"RMSE of x_2 on the pendulum relative to (3, 2) at gamma = {_listed(GAMMAS)}, medians of {SEEDS} runs; with alpha_N = 1 no "
-        f"pole is beyond about sqrt(N) exp({SLOW / 2:g}): {rows}"
+        f"RMSE of x_2 on the pendulum relative to (3, 2) at gamma = {_listed(GAMMAS)}, medians of {SEEDS} runs; with alpha_N = "
+        f"1 no pole is beyond about sqrt(N) exp({SLOW / 2:g}): {rows}"
     )
     return Statement(off < 0.15, f"{_listed(middle)} of (3, 2)", why)
 

@@ -109,7 +109,7 @@ def _():
         "For mu >= 1. The factor sqrt(n) (rather sqrt(n + q)) is not needed: the norm of a symmetric matrix is at most its "
         "row sum."
     )
-    return Statement(bool(worst <= 1 + 1e-12), worst, why)
+    return Statement(bool(worst <= 1 + 1e-12), float(worst), why)
 
 
 @PAPER.claim("(19) ||G||", "universal", printed="||G|| <= C0 e^{-mu t} lambda_max(e^{-A't} e^{-At})")

@@ -46,7 +46,7 @@ def _():
     return Statement(holds, float(np.min(on.lower)), why)
 
 
-@PAPER.claim("(4) block observer", "universal", printed="extends to several outputs [6]")
+@PAPER.claim("(4) block observer", "universal", printed="extends to several outputs [6]", long=True)
 def _():
     plant = Hovercraft()
     ts = np.arange(0, 8.005, 0.01)
@@ -73,7 +73,7 @@ class _Throttle(AbstractSignal):
         return jnp.stack([jnp.cos(t), t / 2])
 
 
-@PAPER.claim("lemma 1 (6)", "universal", printed="0 < a <= a_i <= a': K, P, alpha exist")
+@PAPER.claim("lemma 1 (6)", "universal", printed="0 < a <= a_i <= a': K, P, alpha exist", long=True)
 def _():
     wide = [lemma1([0.1] * k, [10.0] * k) for k in (1, 2, 3)]
     holds = all(one.certificate.verify() for one in wide)
@@ -111,7 +111,7 @@ def _():
     return Statement(False if growth(one.gain) > 0 and growth(other.gain) < 0 else None, growth(one.gain), why)
 
 
-@PAPER.claim("theorem 1 (7)", "universal", printed="an exponential observer for theta > theta_0")
+@PAPER.claim("theorem 1 (7)", "universal", printed="an exponential observer for theta > theta_0", long=True)
 def _():
     plant = FieldMotor()
     seen = structure(plant, states=MOTOR[0], inputs=MOTOR[1])
@@ -185,7 +185,7 @@ def _():
     return Statement(False if printed[0] < 0 < right[0] else None, float(printed[0]), why)
 
 
-@PAPER.claim("theorem 2 (12)", "universal", printed="an observer for locally regular inputs")
+@PAPER.claim("theorem 2 (12)", "universal", printed="an observer for locally regular inputs", long=True)
 def _():
     regular = [name for name in INPUTS if classified(name).locally_regular]
     worst = max(max(all_errors()[name].scaled, all_errors(True)[name].scaled) for name in regular)
@@ -196,7 +196,7 @@ def _():
     return Statement(worst < 1e-6, worst, why)
 
 
-@PAPER.claim("(25) is 001's tracker", "identity", printed="not in the print")
+@PAPER.claim("(25) is 001's tracker", "identity", printed="not in the print", long=True)
 def _():
     plant, mu = IntegratorChain(3), 4.0
     s = Lyapunov(plant, jnp.asarray(mu), jnp.eye(3))

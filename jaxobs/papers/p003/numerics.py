@@ -51,7 +51,7 @@ def _():
     return Statement(abs(low - (RK4.stability_limit or 0.0)) < 1e-3, low, why)
 
 
-@PAPER.claim("P = S^-1 loses definiteness", "figure", printed=OURS)
+@PAPER.claim("P = S^-1 loses definiteness", "figure", printed=OURS, long=True)
 def _():
     theta, dt, plant = 20.0, 0.02, GatedChain()
     us = np.where((np.arange(400) > 100) & (np.arange(400) < 300), 0.0, 1.0)  # a gap of 4 s, e^{-80} in S_22
@@ -79,7 +79,7 @@ def _():
     return Statement(lost and bool(np.all(pivots > 0)), float(np.min(pivots)), why)
 
 
-@PAPER.claim("no limit for array steps", "figure", printed=OURS)
+@PAPER.claim("no limit for array steps", "figure", printed=OURS, long=True)
 def _():
     dt, plant = jnp.asarray(0.1), GatedChain()
 

@@ -131,7 +131,7 @@ def _():
     return Statement(False if ratio > 1 else None, ratio, why)
 
 
-@PAPER.claim("(35)-(37) V decays", "universal", printed="theta > alpha_1 sqrt(alpha(theta)) + alpha_2 alpha(theta)")
+@PAPER.claim("(35)-(37) V decays", "universal", printed="theta > alpha_1 sqrt(alpha(theta)) + alpha_2 alpha(theta)", long=True)
 def _():
     plant, rates = GatedGrowth(jnp.asarray(1.0)), {}
     for theta in (4.0, 8.0, 16.0):
@@ -163,7 +163,7 @@ def _along(observer, signal, ts):
     return jax.lax.scan(body, observer.init(jnp.asarray([1.0, 1.0])), ts)[1]
 
 
-@PAPER.claim("theorem 3", "universal", printed="(25) is an exponential observer for every u in C_SP")
+@PAPER.claim("theorem 3", "universal", printed="(25) is an exponential observer for every u in C_SP", long=True)
 def _():
     found, still, growing = classified("a bump, then 0"), all_errors()["a bump, then 0"], all_errors(True)["a bump, then 0"]
     counterexample = found.strongly_persistent and still.fading > 1e-2 and growing.fading > 1.0
@@ -177,7 +177,7 @@ def _():
     return Statement(False if counterexample else None, growing.fading, why)
 
 
-@PAPER.claim("theorem 3 with iii)", "universal", printed="(the mended theorem)")
+@PAPER.claim("theorem 3 with iii)", "universal", printed="(the mended theorem)", long=True)
 def _():
     good = [name for name in INPUTS if classified(name).persistent]
     worst = max(max(all_errors()[name].fading, all_errors(True)[name].fading) for name in good)
@@ -185,7 +185,7 @@ def _():
     return Statement(worst < 1e-6, worst, why)
 
 
-@PAPER.claim("constant gain needs no equation", "universal", printed="without any Lyapunov differential equation")
+@PAPER.claim("constant gain needs no equation", "universal", printed="without any Lyapunov differential equation", long=True)
 def _():
     good = [name for name in INPUTS if classified(name).constant_gain]
     worst = max(max(all_errors()[name].constant, all_errors(True)[name].constant) for name in good)
@@ -193,7 +193,7 @@ def _():
     return Statement(worst < 1e-6, worst, why)
 
 
-@PAPER.claim("i) to iii) are sufficient only", "universal", printed="(sufficient conditions)")
+@PAPER.claim("i) to iii) are sufficient only", "universal", printed="(sufficient conditions)", long=True)
 def _():
     name = "max(0, sin(pi t/2))"
     found, worst = classified(name), max(all_errors()[name].fading, all_errors(True)[name].fading)

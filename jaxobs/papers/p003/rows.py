@@ -40,7 +40,7 @@ def _observers(name: str):
         )
         return Statement(predicted and same, ours, why)
 
-    PAPER.claim(f"u = {name}: three observers", "figure", printed="not in the print")(compute)
+    PAPER.claim(f"u = {name}: three observers", "figure", printed="not in the print", long=True)(compute)
 
 
 for _name in INPUTS:

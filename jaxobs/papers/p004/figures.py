@@ -88,16 +88,16 @@ def statement(make, least: float) -> Statement:
     return Statement(printed[0] < least, printed[0], why)
 
 
-@PAPER.claim("Figure 1", "figure", printed="the error goes to zero")
+@PAPER.claim("Figure 1", "figure", printed="the error goes to zero", long=True)
 def _():
     return statement(duffing_run, 1e-2)
 
 
-@PAPER.claim("Figure 2", "figure", printed="the error goes to zero exponentially")
+@PAPER.claim("Figure 2", "figure", printed="the error goes to zero exponentially", long=True)
 def _():
     return statement(joint_run, 1e-2)
 
 
-@PAPER.claim("Figure 3", "figure", printed="the error goes to zero exponentially")
+@PAPER.claim("Figure 3", "figure", printed="the error goes to zero exponentially", long=True)
 def _():
     return statement(lorenz_run, 1e-2)
