@@ -67,8 +67,6 @@ CASES: dict[str, Callable[[Callable[[Any], jax.Array]], Module]] = {  # f makes 
         observers.DuffingRoot(plants.Duffing(f(1.1), f(0.7))), observers.Tracker(3, 1, f(4.0), f(0.2))),
     "ContinuousDiscreteKalman": lambda f: observers.ContinuousDiscreteKalman(
         plants.VanDerPol(f(1.3)), f([[0.4]]), f([[0.2]]), f([[1.0, 0.3], [0.3, 2.0]]), f(DT), integrators.RK4(), 2),
-    "ContinuousDiscreteKalman exponential": lambda f: observers.ContinuousDiscreteKalman(
-        plants.Pendulum(f(1.2), f(0.3)), f([[0.4]]), f([[0.2]]), f([[1.0, 0.3], [0.3, 2.0]]), f(DT), integrators.Exponential()),
     "ContinuousKalman": lambda f: observers.ContinuousKalman(
         plants.Pendulum(f(1.2), f(0.3)), f([[0.4]]), f([[0.2]]), f([[1.0, 0.3], [0.3, 2.0]])),
     "CurrentLuenberger": lambda f: observers.CurrentLuenberger(plants.SampledChain(2, f(DT)), f([[0.4], [0.9]])),

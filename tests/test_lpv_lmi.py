@@ -1,4 +1,4 @@
-"""designs.lpv_lmi: the certificate against the nonlinear error itself, structure of bounds, undetectable points, refusals."""
+"""designs.lpv_lmi: the certificate against the nonlinear error itself, rates, gains, refusals."""
 
 import dataclasses
 import functools
@@ -7,21 +7,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from oracles import lpv
+from lpv_cases import HIGH, LORENZ, LOW, T, arrays, joint_channels, lorenz_entries, saturated
 
 import jaxobs
 from jaxobs import designs, plants
 from jaxobs._module import Scalar, param
-from jaxobs.designs import Channels, Infeasible, corner_lmi, lpv_lmi, lpv_model, lpv_rate, midpoint_channels, slope_entries
+from jaxobs.designs import Channels, Infeasible, lpv_lmi, lpv_rate, midpoint_channels, slope_entries
 from jaxobs.designs.polytope import Polytope
 from jaxobs.integrators import RK4, Euler
 from jaxobs.observers import InnerInjection, Luenberger, OutputInjection, Sampled, StepLuenberger
 from jaxobs.plants import AbstractLipschitz, Discretised
 
 RNG = np.random.default_rng(7)
-T = 0.001
-LOW, HIGH = np.array([-30.0, -30.0, -2.0]), np.array([30.0, 30.0, 58.0])
-LORENZ = plants.Lorenz()
 
 
 class Wavy(AbstractLipschitz):
@@ -44,22 +41,6 @@ class Wavy(AbstractLipschitz):
 
     def g(self, y, u):
         return y**2
-
-
-def arrays(kind, *values, **others):
-    return kind(*(np.asarray(value, float) for value in values), **others)
-
-
-def lorenz_entries(low=LOW, high=HIGH):
-    return tuple(np.array([[x[2], 0, x[0]], [x[1], x[0], 0]]) for x in (low, high))
-
-
-def joint_channels(angle):
-    return arrays(Channels, np.eye(2), [[-1, 0, 1, 0], [0, 0, 1, 0]], [0, -1], [3 * angle**2, 1])
-
-
-def saturated():
-    return plants.Saturated(LORENZ, LOW, HIGH)
 
 
 def joint_points(count):
@@ -149,46 +130,6 @@ def test_a_saturated_model_converges_from_anywhere():
     assert np.max(np.abs(run.x[-1] - run.xhat[-1])) < 1e-3
 
 
-@pytest.mark.parametrize(
-    ("model", "corners"),
-    [
-        (lambda: lpv_model(plants.ForcedDuffing(), slope_entries([[0, 0]], [[45.86, 0]])), 2),
-        (lambda: lpv_model(plants.FlexibleJoint(), joint_channels(1.0)), 4),
-        (lambda: lpv_model(LORENZ, midpoint_channels(LORENZ, LOW, HIGH)), 8),
-        (lambda: lpv_model(LORENZ, slope_entries(*lorenz_entries())), 16),
-        (lambda: lpv_model(LORENZ, slope_entries(*lorenz_entries()), inner=True), 8),  # y = x2: its column goes
-        (lambda: lpv_model(LORENZ, midpoint_channels(LORENZ, LOW, HIGH), inner=True), 8),
-    ],
-)
-def test_zeros_ties_and_measured_states_make_no_corners(model, corners):
-    assert len(model().corners()) == corners
-
-
-@pytest.mark.parametrize("plant", [LORENZ, plants.Rossler(), Discretised(LORENZ, Euler(), T)])
-def test_the_midpoint_is_exact(plant):
-    """A(m) (x - z) is the difference of the right-hand sides, at m = (x + z) / 2."""
-    flow = plant.plant if isinstance(plant, Discretised) else plant
-    channels = midpoint_channels(flow, np.full(3, -99.0), np.full(3, 99.0))
-    model = lpv_model(plant, channels)
-    rhs = lpv.rossler if isinstance(flow, plants.Rossler) else lpv.lorenz
-    for x, z in RNG.normal(size=(8, 2, 3)) * 9:
-        rho = np.where(channels.lower == channels.upper, channels.lower, ((x + z) / 2)[list(channels.tied)])
-        expected = rhs(x) - rhs(z)
-        if isinstance(plant, Discretised):
-            expected = x - z + T * expected
-        np.testing.assert_allclose(model.at(rho) @ (x - z), expected, rtol=1e-9, atol=1e-9)
-
-
-def test_slopes_of_a_run_are_its_extremes():
-    xs = RNG.normal(size=(500, 3)) * 5
-    channels = designs.simulated_entries(LORENZ, xs)
-    np.testing.assert_allclose(channels.lower, xs.min(0)[[2, 0, 1, 0]])
-    np.testing.assert_allclose(channels.upper, xs.max(0)[[2, 0, 1, 0]])
-    assert "conditional" in channels.origin
-    _, certificate = lpv_lmi(LORENZ, bounds=channels)
-    assert any("simulation" in line for line in certificate.assumptions)
-
-
 def test_ties_survive_the_file(tmp_path):
     _, certificate = made("Lorenz, midpoint")
     certificate.to_json(tmp_path / "c.json")
@@ -221,87 +162,6 @@ def test_the_certificate_is_about_the_gain_in_single_precision():
 def test_large_gains_warn():
     with pytest.warns(designs.LargeGain, match="lpv_lmi: a gain of"):
         lpv_lmi(plants.ForcedDuffing(), bounds=([[0, 0]], [[12.0, 0]]), gain=[[0.0], [2e6]])
-
-
-# Undetectable points
-
-
-def rossler(output, low=(0.0, -9.2), high=(23.0, 11.5)):
-    plant = plants.Rossler(output=output)
-    return lpv_model(plant, slope_entries([[low[0], 0, low[1]]], [[high[0], 0, high[1]]]))
-
-
-UNDETECTABLE = {
-    "Roessler, y = x1: x1 - c = a": (rossler([[1, 0, 0]]), 0.2, {1: 5.9}),
-    "Roessler, y = x3: x3 = 0": (rossler([[0, 0, 1]]), 0.1, {0: 0.0}),
-    "Van der Pol, y = x2: 2 mu x1 x2 = -1": (
-        lpv_model(plants.VanDerPolSeen(output=[[0, 1]]), slope_entries([[-9, 0]], [[9, 4]])), 0.0, {0: -1.0}),
-    "Lorenz, y = x3 on the axis": (
-        arrays(Polytope, LORENZ.a(), np.eye(3)[:, :1], np.eye(3)[1:2], [-3], [4], np.eye(3)[2:]), None, {}),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", UNDETECTABLE)
-def test_undetectable_points_are_named(name):
-    model, growth, coordinates = UNDETECTABLE[name]
-    point = designs.undetectable(model)
-    assert point.is_exact
-    assert ((model.lower <= point.rho) & (point.rho <= model.upper)).all()
-    for place, value in coordinates.items():
-        assert point.rho[place] == pytest.approx(value, abs=1e-12)
-    a = model.at(np.asarray(point.rho))
-    seen = [s for s in lpv.unobservable_modes(a, model.output) if s.real > -1e-9]
-    assert min(abs(s - point.eigenvalue) for s in seen) < 1e-6
-    assert growth is None or point.eigenvalue.real == pytest.approx(growth, abs=1e-12)
-    v = np.asarray(point.direction)
-    np.testing.assert_allclose(a @ v, point.eigenvalue * v, atol=1e-9)
-    np.testing.assert_allclose(model.output @ v, 0, atol=1e-12)
-
-
-def test_no_gain_helps_there():
-    """With any L the frozen error keeps the mode."""
-    model, *_ = UNDETECTABLE["Roessler, y = x1: x1 - c = a"]
-    a = model.at(np.asarray(designs.undetectable(model).rho))
-    for gain in RNG.normal(size=(50, 3, 1)) * 10 ** RNG.uniform(-2, 4, (50, 1, 1)):
-        assert np.max(np.linalg.eigvals(a - gain @ model.output).real) > 0.2 - 1e-6
-
-
-def test_nothing_is_named_where_every_point_is_observable():
-    plant = Discretised(LORENZ, Euler(), T)
-    assert designs.undetectable(lpv_model(plant, midpoint_channels(LORENZ, LOW, HIGH)), step=True) is None
-    assert designs.undetectable(rossler([[0, 1, 0]])) is None
-
-
-def test_a_decaying_hidden_mode_counts_only_against_faster_rates():
-    """x1' = -x1 unseen: detectable, but not at rate 2; and for steps likewise."""
-    a = np.diag([-1.0, 1.0])
-    model = arrays(Polytope, a, np.zeros((2, 0)), np.zeros((0, 2)), [], [], [[0.0, 1.0]])
-    assert designs.undetectable(model) is None
-    assert designs.undetectable(model, rate=2.0).eigenvalue == -1
-    step = dataclasses.replace(model, a=np.diag([0.5, 2.0]))
-    assert designs.undetectable(step, step=True) is None
-    assert designs.undetectable(step, rate=0.4, step=True).eigenvalue == 0.5
-
-
-def test_an_irrational_point_is_found_in_floats():
-    """(a, c) with a = [[1, rho^... ]]: x1 is seen through rho^2 - 2 only, by two tied channels in series."""
-    a = np.array([[1.0, 0, 0], [0, -3, 0], [-2.0, 0, -5]])
-    b, c = np.array([[0, 0], [1, 0], [0, 1.0]]), np.array([[1.0, 0, 0], [0, 1, 0]])
-    # x2' = -3 x2 + rho x1, x3' = -5 x3 + rho x2 - 2 x1: at the mode s = 1 x3 sees (rho^2 / 4 - 2) x1, zero at rho = sqrt 8
-    model = arrays(Polytope, a, b, c, [1.0, 1.0], [3.0, 3.0], [[0, 0, 1.0]], tied=(0, 0))
-    point = designs.undetectable(model)
-    assert not point.is_exact
-    assert point.rho[0] == point.rho[1] == pytest.approx(np.sqrt(8))
-    assert point.eigenvalue == pytest.approx(1)
-
-
-def test_undetectable_points_come_before_any_solve(monkeypatch):
-    def never(*args, **kwargs):
-        raise AssertionError("solved")
-
-    monkeypatch.setattr(corner_lmi, "synthesise", never)
-    with pytest.raises(Infeasible, match=r"undetectable at rho = .*, 5\.9\), exactly.*whatever|measure something else"):
-        lpv_lmi(plants.Rossler(output=[[1, 0, 0]]), bounds=([[0, 0, -9.2]], [[23.0, 0, 11.5]]))
 
 
 # Bad input

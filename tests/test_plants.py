@@ -61,12 +61,25 @@ def first(x):
 
 
 # The right-hand side and the output of each plant, at the parameters of tests/cases.py.
+def motor(x, u):
+    friction = 0.2 * np.tanh(x[1] / 0.6) + 0.1 * x[1]
+    return [(u[1] - x[0] - 1.1 * u[0] * x[1]) / 0.4, (1.1 * u[0] * x[0] - friction - x[2]) / 0.5, 0]
+
+
+def hovercraft(x, u):
+    drag = -0.7 * x[2:4] / np.sqrt(1 + x[2] ** 2 + x[3] ** 2)
+    thrust = u[0] * x[4] * np.asarray([np.cos(u[1]), np.sin(u[1])])
+    return [*x[2:4], *(thrust + drag), 0]
+
+
 EQUATIONS = {
     "Discretised": (lambda x, u: x + 0.1 * pendulum(x, u), first),
     "Duffing": (lambda x, u: [x[1], -1.1 * x[0] - 0.7 * x[0] ** 3], lambda x: x[:1] + x[1:]),
+    "FieldMotor": (motor, first),
     "FlexibleJoint": (joint, lambda x: x[1::-1]),
     "ForcedDuffing": (lambda x, u: [x[1], u[0] - 0.3 * x[1] - x[0] ** 3], lambda x: 0.2 * x[:1] + x[1:]),
     "GatedChain": (lambda x, u: [u[0] * x[1], 0], first),
+    "Hovercraft": (hovercraft, lambda x: x[:2]),
     "IntegratorChain": (lambda x, u: [x[1], x[2], 0], first),
     "LearnedField": (lambda x, u: learned(x), first),
     "Lienard": (lambda x, u: [x[1] + 1.3 * (x[0] - x[0] ** 3 / 3), -x[0]], first),
@@ -83,6 +96,8 @@ EQUATIONS = {
 }
 # How a disturbance enters: by default it moves the last state alone.
 MATRICES = {
+    "FieldMotor": np.eye(3),
+    "Hovercraft": np.eye(5),
     "Discretised": [[0], [0.1]],
     "FlexibleJoint": [[0, 0], [0.9 / 0.7, 0], [0, 0], [-0.9 / 1.3, -0.8 * 9.8 * 0.5 / 1.3]],
     "ForcedDuffing": [[0], [-1]],

@@ -38,7 +38,10 @@ class Corners(AbstractCertificate):
     origin: str = "given"
     tied: tuple[int, ...] = ()
     theorem: ClassVar[str] = "corners"
-    step: ClassVar[int] = 0
+
+    @property
+    def step(self) -> int:
+        return 0
 
     @property
     def claim(self) -> str:
@@ -87,7 +90,10 @@ class StepCorners(AbstractCertificate):
     origin: str = "given"
     tied: tuple[int, ...] = ()
     theorem: ClassVar[str] = "step corners"
-    step: ClassVar[int] = 1
+
+    @property
+    def step(self) -> int:
+        return 1
 
     @property
     def claim(self) -> str:

@@ -121,16 +121,20 @@ def quietest(place: Frame, kappa: float, process: np.ndarray, weight: np.ndarray
 
     sizes = {"p": sdp.symmetric(place.model.n, reach=REACH), "y": sdp.full(place.model.p, place.model.n, reach=REACH)}
     sizes["z"] = sdp.symmetric(place.model.p, reach=REACH)
-    size = np.trace(process) + np.trace(noise)
-    for _ in range(3):  # until the optimum is of size one, as solvers like it
 
-        def cost(p, y, z, size=size):
+    def attempt(size):
+        def cost(p, y, z):
             return -(np.sum(p * process) + np.sum(z * noise)) / size
 
-        found = sdp.optimise(sizes, lmis, maximise=cost, margin=STRICT)
+        return sdp.optimise(sizes, lmis, maximise=cost, margin=STRICT)
+
+    size = np.trace(process) + np.trace(noise)
+    found = attempt(size)
+    for _ in range(2):  # until the optimum is of size one, as solvers like it
         if not found.values or abs(found.value) > 1e-2:
             break
         size = size * max(abs(found.value), 1e-6)
+        found = attempt(size)
     return dataclasses.replace(found, value=found.value * size / unit)
 
 

@@ -198,7 +198,7 @@ def _():
     return Statement(abs(gains[0]) < 1e-6, abs(gains[0]), why)
 
 
-@PAPER.claim("(37) (40) bounded form", "identity", printed="xi_1 - xi_hat_1 is what is injected")
+@PAPER.claim("(37) (40) bounded form", "identity", printed="xi_1 - xi_hat_1 is what is injected", long=True)
 def _():
     """With eps = xi - xi_hat the same observer without growing states: equal up to rounding."""
     end = 5.0

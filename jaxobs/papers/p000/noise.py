@@ -67,7 +67,7 @@ def _listed(values, digits: int = 3) -> str:
     return ", ".join(f"{value:.{digits}g}" for value in values)
 
 
-@PAPER.claim("(48) level gamma^-q/2", "universal", printed="noise is attenuated like gamma^-q/2")
+@PAPER.claim("(48) level gamma^-q/2", "universal", printed="noise is attenuated like gamma^-q/2", long=True)
 def _():
     """Exponents of gamma in the standard deviation of x_2, and of the norm W, from unscaled solutions at gamma and 2 gamma."""
     powers, weighted = [], []

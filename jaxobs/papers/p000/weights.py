@@ -124,7 +124,7 @@ def _():
     return Statement(shapes_fit, residual, f"C'C' has no product; with C'C the relative residual is {residual:.2g}")
 
 
-@PAPER.claim("Lemma 3", "universal", printed="gamma1 > gamma2 implies P1 > P2")
+@PAPER.claim("Lemma 3", "universal", printed="gamma1 > gamma2 implies P1 > P2", long=True)
 def _():
     """P1 - P2 is the stabilising solution of (14): Xi - X C'C = A - P1 C'C is Hurwitz, and Q1 - Q2 > 0 is diagonal."""
     proved = 0

@@ -64,10 +64,9 @@ def _():
     except ImportError as error:
         return Statement(None, "not computed", str(error))
     why = (
-        f"Elimination finds with y' alone {one.polynomial} = 0 (y0, y1, ... the derivatives), of degree {one.degree} in x1, "
-        "and with "
-        f"y'' the rational x1 = ({two.numerator}) / ({two.denominator}), whose denominator is {two.on_trajectories} on "
-        "trajectories."
+        f"Elimination finds with y' alone {one.polynomial} = 0 (y0, y1, ... the derivatives), of degree "
+        f"{one.degree} in x1, and with y'' the rational x1 = ({two.numerator}) / ({two.denominator}), whose "
+        f"denominator is {two.on_trajectories} on trajectories."
     )
     return Statement(bool(two.degree == 1), float(one.degree), why)
 
@@ -84,8 +83,7 @@ def _():
     listed = ", ".join(f"u = {name}: {count}" for name, count in counts.items())
     why = (
         "A monitor: samples at or beside which a denominator vanishes. x1' = u x2, x2' = 0, y = x1 (paper 003) has x2 = y'/u; "
-        "of "
-        f"{len(ts)} samples over 10 s, {listed}. (40) has no input; its cubic form is defined everywhere."
+        f"of {len(ts)} samples over 10 s, {listed}. (40) has no input; its cubic form is defined everywhere."
     )
     good = counts["1 + 0.5 sin t"] == 0 and counts["cos t"] > 0 and counts["0"] == len(ts)
     return Statement(good, float(counts["cos t"]), why)
@@ -104,10 +102,8 @@ def _():
     assert example is not None
     why = (
         f"At x = (1, 1) it gives x1 = {example[0]}; with y'' in the denominator, as (43) has it, it fails too. Right: x1 = [9 "
-        "y^2 (y - y') - "
-        f"4c] / [16 + 18 y^2 - 3 y c], c = y'' + 2 y' - y; its largest error on {len(POINTS)} rational states is "
-        f"{float(max(ours)):g}, exactly. "
-        "Without y'' and never singular: x1^3 + 2 x1 = y - y'."
+        f"y^2 (y - y') - 4c] / [16 + 18 y^2 - 3 y c], c = y'' + 2 y' - y; its largest error on {len(POINTS)} rational states "
+        f"is {float(max(ours)):g}, exactly. Without y'' and never singular: x1^3 + 2 x1 = y - y'."
     )
     return Statement(bool(max(off) == 0 and max(ours) == 0), float(abs(example[0] - 1)), why)
 
@@ -120,9 +116,9 @@ def _():
     assert found is not None
     assert other is not None
     why = (
-        f"At x = (1, 1) it gives {found[1]}, and x1 + x2 = {found[0] + found[1]} for y = {y}; with y'' in the denominator, as "
-        "in (43), x1 + x2 = "
-        f"{other[0] + other[1]} = y holds identically and hides the error (x2 = {other[1]}). Right: x2 = y - x1."
+        f"At x = (1, 1) it gives {found[1]}, and x1 + x2 = {found[0] + found[1]} for y = {y}; with y'' "
+        f"in the denominator, as in (43), x1 + x2 = {other[0] + other[1]} = y holds identically and "
+        f"hides the error (x2 = {other[1]}). Right: x2 = y - x1."
     )
     return Statement(bool(found[1] == 1), float(found[1]), why)
 
@@ -137,10 +133,9 @@ def _():
         off = max(off, abs(bottom - (16 + 12 * p + 9 * p**2 + 18 * y**2)))
         low = min(low, float(bottom))
     why = (
-        "Of the corrected form: on trajectories the denominator is 16 + 12 y x1 + 9 (y x1)^2 + 18 y^2 = 12 + (3 y x1 + 2)^2 + "
-        "18 y^2 "
-        f">= 12 (difference {float(off):g}, in fractions). Errors in y'' can make it vanish. Shown: its least value on "
-        f"{len(POINTS)} states."
+        "Of the corrected form: on trajectories the denominator is 16 + 12 y x1 + 9 (y x1)^2 + 18 y^2 = 12 + "
+        f"(3 y x1 + 2)^2 + 18 y^2 >= 12 (difference {float(off):g}, in fractions). Errors in y'' can make it "
+        f"vanish. Shown: its least value on {len(POINTS)} states."
     )
     return Statement(bool(off == 0 and low >= 12), low, why)
 
@@ -173,14 +168,14 @@ def _():
     drift = float(np.max(np.abs(x[:, 0] ** 2 / 2 + x[:, 1] ** 2 / 2 + x[:, 0] ** 4 / 4 - v)))
     why = (
         f"Polynomials on a compact level set. From x = (1, 0), V = {v:g}: |x1| <= {level_box(v)[0]:.4g}, |x2| <= "
-        f"{level_box(v)[1]:.4g}, so |y'''| <= "
-        f"{bound:.4f}; on the trajectory it reaches the value shown (V is kept to {drift:.1e} over {ts[-1]:.0f} s)."
+        f"{level_box(v)[1]:.4g}, so |y'''| <= {bound:.4f}; on the trajectory it reaches the value shown (V is kept to "
+        f"{drift:.1e} over {ts[-1]:.0f} s)."
     )
     highest = float(np.max(np.abs(third)))
     return Statement(bool(highest <= bound), highest, why)
 
 
-@PAPER.claim("mu from (42)", "universal", printed="mu sufficiently large")
+@PAPER.claim("mu from (42)", "universal", printed="mu sufficiently large", long=True)
 def _():
     n, q, noise = 3, 1, 1e-3
     top = third_derivative_bound(0.75)
@@ -201,8 +196,7 @@ def _():
     measured = float(np.max(np.abs(run.xhat - run.x)[3000:, 0]))
     why = (
         f"Large, but not too large: with |y'''| <= {top:.4f} and |d| <= {noise:g} the guaranteed error of y' is least at mu = "
-        f"{rate.mu:.4f} /s, and "
-        f"|xhat_1 - x1| <= {promised:.4f} after the start; under a tone of that height it stays below the value shown (n = 3, "
-        "q = 1, t >= 6 s)."
+        f"{rate.mu:.4f} /s, and |xhat_1 - x1| <= {promised:.4f} after the start; under a tone of that height it stays below "
+        "the value shown (n = 3, q = 1, t >= 6 s)."
     )
     return Statement(bool(measured <= promised), measured, why)

@@ -41,8 +41,7 @@ def _():
     order = math.log(off[1] / off[2]) / math.log(2)
     why = (
         f"G_k / delta tends to the continuous gain: relative difference {off[0]:.3g}, {off[1]:.3g}, {off[2]:.3g} at delta = "
-        "0.01, 0.005, 0.0025, "
-        f"order {order:.3f}. Exactly sigma = e^(-mu delta), of which 1 - mu delta is the first order."
+        f"0.01, 0.005, 0.0025, order {order:.3f}. Exactly sigma = e^(-mu delta), of which 1 - mu delta is the first order."
     )
     return Statement(bool(abs(order - 1) < 0.1), off[-1], why)
 
@@ -67,9 +66,8 @@ def _():
     listed = ", ".join(f"q = {q}: {delay:.4f}" for q, (_, delay) in delays.items())
     why = (
         "delta B y_k is the Euler step of the input, and xhat_{k+1} has not seen y_{k+1}; on slow signals the estimate is late "
-        "by (samples, "
-        f"n = 2, sigma = 0.9) {listed}. Exact is e^(A delta) with y held or joined by straight lines; the latter, with the "
-        "injection on the full prediction, has no delay."
+        f"by (samples, n = 2, sigma = 0.9) {listed}. Exact is e^(A delta) with y held or joined by straight lines; the latter, "
+        "with the injection on the full prediction, has no delay."
     )
     return Statement(False, delays[1][1], why)
 
@@ -106,8 +104,7 @@ def _():
     gap, rest = exact.subtract(h, total), exact.subtract(exact.subtract(h, total), missing)
     why = (
         f"The start is missing: H_k - sum = sigma^k e^(-A'k delta) H_0 e^(-A k delta), exactly (rest {largest(rest):g}); shown "
-        "at k = 4, "
-        "sigma = 0.8, H_0 = I. It fades. (The sum runs over its own upper limit k.)"
+        "at k = 4, sigma = 0.8, H_0 = I. It fades. (The sum runs over its own upper limit k.)"
     )
     return Statement(bool(largest(gap) == 0), largest(gap), why)
 
@@ -116,9 +113,9 @@ def _():
 def _():
     value, delay = _printed_delay(3, 0, 0.9)
     why = (
-        f"xhat_{{k+1}} is corrected with y_k - C e^(A delta) xhat_k, whose second part predicts y_{{k+1}}: it lags by "
-        f"{delay:.6f} samples at "
-        f"frequency 0 (gain {value:.6f}; n = 3, sigma = 0.9). With y_{{k+1}} there is no delay, and (34) is the gain for that."
+        "xhat_{k+1} is corrected with y_k - C e^(A delta) xhat_k, whose second part predicts y_{k+1}: "
+        f"it lags by {delay:.6f} samples at frequency 0 (gain {value:.6f}; n = 3, sigma = 0.9). With "
+        "y_{k+1} there is no delay, and (34) is the gain for that."
     )
     return Statement(bool(abs(delay) < 1e-6), delay, why)
 
@@ -140,8 +137,7 @@ def _():
     printed, ours = highest(False), highest(True)
     why = (
         f"y = 1 from xhat = 0 and a weak H_0 = (delta / 500) I: with H_k the first estimate of y is {printed:.4g}, with "
-        f"H_{{k+1}}, which "
-        f"counts the sample at hand, {ours:.4g} (n = 3, sigma = 0.9). The gain of step k + 1 needs H_(k+1)."
+        f"H_{{k+1}}, which counts the sample at hand, {ours:.4g} (n = 3, sigma = 0.9). The gain of step k + 1 needs H_(k+1)."
     )
     return Statement(bool(printed < 2), printed, why)
 
@@ -166,9 +162,8 @@ def _():
         worst = max(worst, float(np.max(error / allowed)))
     why = (
         "In the corrected form (y_{k+1}, H_{k+1}, straight lines between samples): without input V_k = eta'H_k eta obeys "
-        "V_{k+1} = sigma V_k - "
-        "delta (C eta-)^2 (1 - delta C H_{k+1}^-1 C') <= sigma V_k, for every H_0 > 0 and every delta. Measured: y = sin t, n "
-        "= 3, q = 0 and 1, mu = 10, delta = 0.02. "
-        "Shown: the largest error over the bias bound C(n+q, r) / mu^r of the continuous tracker."
+        "V_{k+1} = sigma V_k - delta (C eta-)^2 (1 - delta C H_{k+1}^-1 C') <= sigma V_k, for every H_0 > 0 and every delta. "
+        "Measured: y = sin t, n = 3, q = 0 and 1, mu = 10, delta = 0.02. Shown: the largest error over the bias bound C(n+q, "
+        "r) / mu^r of the continuous tracker."
     )
     return Statement(bool(worst < 1.1), worst, why)

@@ -110,9 +110,9 @@ def _():
             off, float(np.max(np.abs(np.asarray(fading_memory_gain(size, jnp.asarray(dec), jnp.asarray(dt))) / expected - 1)))
         )
     why = (
-        "G_{i+1} = (i!/delta^i) sum_{j>i} C(n,j) (1-sigma)^j s1(j,i+1)/(j-1)!, s1 signed Stirling numbers of the first kind; "
-        "for q > 0 with "
-        "n + q for n and the signs of A~. Shown: relative difference from the sum (31), n = 2, 4, 5, 6, sigma = 0.7."
+        "G_{i+1} = (i!/delta^i) sum_{j>i} C(n,j) (1-sigma)^j s1(j,i+1)/(j-1)!, s1 signed Stirling "
+        "numbers of the first kind; for q > 0 with n + q for n and the signs of A~. Shown: relative "
+        "difference from the sum (31), n = 2, 4, 5, 6, sigma = 0.7."
     )
     return Statement(bool(off < 1e-6), off, why)
 
@@ -165,8 +165,7 @@ def _register(number: int) -> None:
         off = max(abs(float(_transfer(i, t, DT, z) - _numerator(i, t, DT, z) / (z - t) ** 3)) for t, z in POINTS)
         why = (
             f"Right is (z - sigma)^3 (difference {off:g}, in fractions). The printed one has the root {max(abs(roots)):.6f} at "
-            "sigma = 0.9, "
-            f"outside the unit circle, and gives (35) the gain {gain[0]:g} at z = 1 for every sigma: a sign slip."
+            f"sigma = 0.9, outside the unit circle, and gives (35) the gain {gain[0]:g} at z = 1 for every sigma: a sign slip."
         )
         return Statement(bool(max(abs(roots)) < 1), float(max(abs(roots))), why)
 

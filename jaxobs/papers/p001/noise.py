@@ -42,8 +42,7 @@ def _():
     grow = gains.worst[1] * (200 / 20)
     why = (
         "Said of the norm of H_inf, which itself shrinks with mu. In ordinary units the error of xhat_i grows like mu^(i-1) "
-        "under "
-        f"bounded noise and mu^(i-1/2) under white noise, whatever q: n = 3, q = 1, |d| <= 1, xhat_2 errs by up to "
+        "under bounded noise and mu^(i-1/2) under white noise, whatever q: n = 3, q = 1, |d| <= 1, xhat_2 errs by up to "
         f"{gains.worst[1] * 20:.4g} at mu = 20 and {gains.worst[1] * 200:.4g} at 200; the ratio is shown."
     )
     return Statement(False, grow / gains.worst[1], why)
@@ -54,8 +53,7 @@ def _():
     ratio = [w**2 for w in tracker_gains(3, 0).white]
     why = (
         "As mu^(2i-1) in the variance of xhat_i under white noise, without (q = 0) and with integrators alike. Shown: the "
-        "variance "
-        "of xhat_3 at mu = 200 over that at mu = 20; at mu = 1 the variances of q = 0 are "
+        "variance of xhat_3 at mu = 200 over that at mu = 20; at mu = 1 the variances of q = 0 are "
         f"{', '.join(f'{r:.4g}' for r in ratio)}."
     )
     return Statement(True, (200 / 20) ** 5.0, why)
@@ -85,8 +83,7 @@ def _():
     rates = [[equal_bias(N, q, i) for q in ORDERS] for i in range(1, N + 1)]
     why = (
         f"At mu_q that gives xhat_i the bias of q = 0 (mu_q / mu_0: {_listed(rates)}): {_listed(table)} of the rms error of q "
-        "= 0. "
-        f"q = 1 is worth at most {1 - min(row[1] for row in table):.1%} and q = 2 less than q = 1."
+        f"= 0. q = 1 is worth at most {1 - min(row[1] for row in table):.1%} and q = 2 less than q = 1."
     )
     return Statement(_falling(table), min(row[1] for row in table), why)
 
@@ -98,8 +95,7 @@ def _():
     first = [[relative_white(N, q, i, equal_bandwidth(N, q, 1)) for q in ORDERS] for i in range(1, N + 1)]
     why = (
         f"At the mu_q with the same -3 dB point of Xhat_i / (s^(i-1) Y) (mu_q / mu_0: {_listed(rates)}): {_listed(table)}; at "
-        "one "
-        f"mu_q for all, that of xhat_1: {_listed(first)}. What q is worth depends on whose bandwidth is kept."
+        f"one mu_q for all, that of xhat_1: {_listed(first)}. What q is worth depends on whose bandwidth is kept."
     )
     return Statement(_falling(table), table[0][1], why)
 
@@ -108,9 +104,9 @@ def _():
 def _():
     equal, bias, band = (_tone(ratio) for ratio in (lambda n, q, i: 1.0, equal_bias, equal_bandwidth))
     why = (
-        f"A tone at 20 mu_0, amplitude over that of q = 0: equal mu {_listed(equal)}; equal bias {_listed(bias)}; equal "
-        "bandwidth "
-        f"{_listed(band)}. True of tones well above the bandwidth, by every measure: the roll-off is 20 (q+1) dB a decade."
+        f"A tone at 20 mu_0, amplitude over that of q = 0: equal mu {_listed(equal)}; equal bias "
+        f"{_listed(bias)}; equal bandwidth {_listed(band)}. True of tones well above the bandwidth, "
+        "by every measure: the roll-off is 20 (q+1) dB a decade."
     )
     return Statement(all(map(_falling, (equal, bias, band))), 1 / bias[0][1], why)
 
@@ -126,8 +122,7 @@ def _():
         off = max(off, float(np.max(np.abs(np.asarray(ours) / whole - 1))))
     why = (
         "Not printed: Xhat_i / Y = s^(i-1) sum_{j<=n-i} C(N,j) mu^(N-j) s^j / (s+mu)^N. Shown: the largest relative difference "
-        "from "
-        "the resolvent (n = 3, q = 2, mu = 3)."
+        "from the resolvent (n = 3, q = 2, mu = 3)."
     )
     return Statement(bool(off < 1e-9), off, why)
 
@@ -138,8 +133,7 @@ def _():
     listed = ", ".join(f"{g:g}" for g in gains)
     why = (
         f"Against fast ones. A constant offset of y passes to xhat_1 with the gain 1 for every q (q = 0..3: {listed}); below "
-        "the "
-        "bandwidth noise cannot be told from signal."
+        "the bandwidth noise cannot be told from signal."
     )
     return Statement(bool(max(gains) < 1), max(gains), why)
 
@@ -159,7 +153,6 @@ def _():
     why = (
         "Of the part of the error that the signal causes: mu^-(n-i+1), and never more than under a constant y^(n) (worst "
         f"{', '.join(f'{w:.6g}' for w in worst)}, constant {', '.join(f'{b:g}' for b in bias)}; n = 3, q = 1). Shown: error of "
-        "xhat_1 "
-        "at mu = 200 over that at 20. The noise's part grows: see best_rate for the balance."
+        "xhat_1 at mu = 200 over that at 20. The noise's part grows: see best_rate for the balance."
     )
     return Statement(bool(np.allclose(worst, bias)), ratio, why)

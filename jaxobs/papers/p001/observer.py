@@ -35,8 +35,8 @@ def _():
     middle = float(np.median(np.abs(printed - x[:, 0])))
     why = (
         "Fed with the true derivatives along the trajectory from (1, 0), 20 s: median error of the printed xhat_1 "
-        f"{middle:.4f}, its denominator "
-        f"changes sign {changes} times; the corrected rational form errs by {errors[0]:.1e}, the cubic one by {errors[1]:.1e}."
+        f"{middle:.4f}, its denominator changes sign {changes} times; the corrected rational form errs by {errors[0]:.1e}, the "
+        f"cubic one by {errors[1]:.1e}."
     )
     return Statement(bool(middle < 1e-6), middle, why)
 
@@ -46,9 +46,9 @@ def _():
     mu, omega, height = 20.0, 200.0, 0.01
     raw, filtered = height * omega, height * mu * float(response(3, 1, 2, np.asarray(omega / mu)))
     why = (
-        f"Only y is measured; the tracker's estimate of y' must stand there. A tone of height {height:g} at {omega:g} rad/s in "
-        "y makes "
-        f"{raw:g} in the raw derivative and {filtered:.3g} in the tracker's (n = 3, q = 1, mu = 20); the ratio is shown."
+        "Only y is measured; the tracker's estimate of y' must stand there. A tone of height "
+        f"{height:g} at {omega:g} rad/s in y makes {raw:g} in the raw derivative and {filtered:.3g} in "
+        "the tracker's (n = 3, q = 1, mu = 20); the ratio is shown."
     )
     return Statement(bool(raw <= filtered), raw / filtered, why)
 
@@ -62,9 +62,9 @@ def _():
         late[mu] = float(np.max(np.abs(run.xhat - run.x)[3000:]))
     order = math.log(late[20.0] / late[40.0]) / math.log(2)
     why = (
-        "Up to the tracker's bias, in the corrected form (cubic, all arguments from the tracker, n = 3, q = 1): largest error "
-        "for t >= 6 s "
-        f"{', '.join(f'{e:.4g} at mu = {mu:g}' for mu, e in late.items())}; order {order:.2f} in 1/mu, 2 expected of y'."
+        "Up to the tracker's bias, in the corrected form (cubic, all arguments from the tracker, n = 3, q = "
+        f"1): largest error for t >= 6 s {', '.join(f'{e:.4g} at mu = {mu:g}' for mu, e in late.items())}; "
+        f"order {order:.2f} in 1/mu, 2 expected of y'."
     )
     return Statement(bool(late[40.0] < late[20.0] < late[10.0]), late[40.0], why)
 
@@ -83,14 +83,14 @@ def _():
     bottom, top = 16 + 18 * y**2 - 3 * y * c, 9 * y**2 * (y - dy) - 4 * c
     worst = [float(corrected41(y, dy, ddy + Fraction(1, 10**k))) for k in (1, 3, 5)]
     why = (
-        f"If the map is defined everywhere. At the bounded (y, y', y'') = ({y}, {dy}, {ddy}) the right (41) has the "
-        f"denominator {bottom} and the "
-        f"numerator {top}: beside it x1 = {worst[0]:.4g}, {worst[1]:.4g}, {worst[2]:.4g}. The cubic form has no such point."
+        f"If the map is defined everywhere. At the bounded (y, y', y'') = ({y}, {dy}, {ddy}) the right (41) "
+        f"has the denominator {bottom} and the numerator {top}: beside it x1 = {worst[0]:.4g}, {worst[1]:.4g}, "
+        f"{worst[2]:.4g}. The cubic form has no such point."
     )
     return Statement(bool(bottom != 0), abs(worst[-1]), why)
 
 
-@PAPER.claim("rational form under noise", "universal", printed="robust against measurement errors")
+@PAPER.claim("rational form under noise", "universal", printed="robust against measurement errors", long=True)
 def _():
     ts, x, jets = truth()
     noise, dt, mu = 0.1, 0.01, 20.0
@@ -103,10 +103,9 @@ def _():
         rms.append(float(np.sqrt(np.mean((found - x)[500:, 0] ** 2))))
     count = int(np.sum(crossings(DuffingRational(Duffing()), eta)[500:]))
     why = (
-        f"Of the map, not only of the tracker: with noise of standard deviation {noise:g} held {dt:g} s (mu = {mu:g}, n = 3, q "
-        "= 1, t >= 5 s) the "
-        f"denominator of the corrected (41) passes zero {count} times; rms error of x1 {rms[0]:.4g}, with the cubic form "
-        f"{rms[1]:.4g}."
+        f"Of the map, not only of the tracker: with noise of standard deviation {noise:g} held {dt:g} s (mu = "
+        f"{mu:g}, n = 3, q = 1, t >= 5 s) the denominator of the corrected (41) passes zero {count} times; rms error "
+        f"of x1 {rms[0]:.4g}, with the cubic form {rms[1]:.4g}."
     )
     return Statement(bool(rms[0] <= rms[1]), rms[0] / rms[1], why)
 
@@ -119,9 +118,8 @@ def _():
     plain = np.abs(np.asarray(direct[:, 1]) - np.sinh(ts))
     mapped = np.abs(np.exp(np.asarray(changed[:, 0])) * np.asarray(changed[:, 1]) - np.sinh(ts))
     why = (
-        "An example: x1' = x2, x2' = x1, y = x1 = cosh t. The tracker on y errs in x2 by "
-        f"{plain[-1]:.4g} at t = {ts[-1]:.0f} and ever more; on v = ln y, whose derivatives are bounded, x = (e^v, e^v v') "
-        f"errs by {mapped[-1]:.4g} "
-        "(n = 2, q = 0, mu = 10)."
+        f"An example: x1' = x2, x2' = x1, y = x1 = cosh t. The tracker on y errs in x2 by {plain[-1]:.4g} "
+        f"at t = {ts[-1]:.0f} and ever more; on v = ln y, whose derivatives are bounded, x = (e^v, e^v "
+        f"v') errs by {mapped[-1]:.4g} (n = 2, q = 0, mu = 10)."
     )
     return Statement(bool(mapped[-1] < mapped[2000] < 1 and plain[-1] > 10 * plain[2000]), float(mapped[-1]), why)

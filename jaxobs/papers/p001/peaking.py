@@ -62,8 +62,7 @@ def _():
         eps.append(float(np.linalg.eigvalsh(sum(w * t / 2 * np.outer(r, r) for w, r in zip(weights, rows, strict=True)))[0]))
     why = (
         f"The integral vanishes at t = 0: its smallest eigenvalue is {eps[0]:.3g}, {eps[1]:.3g}, {eps[2]:.3g} at t = 1, 0.1, "
-        "0.01 (n = 2, "
-        "q = 0, mu = 1). Positive for each t > 0, but no constant epsilon serves them all."
+        "0.01 (n = 2, q = 0, mu = 1). Positive for each t > 0, but no constant epsilon serves them all."
     )
     return Statement(False, eps[-1], why)
 
@@ -73,10 +72,8 @@ def _():
     eps = 0.1
     why = (
         "With the constant epsilon of (27) it fails at t = 0, where it reads 1 <= 1 / (1 + eps eps_0) (shown for eps eps_0 = "
-        "0.1). Right: "
-        "||eta||^2 <= min(kappa e^(rho t), e^(-mu t) lambda_max(H(0)) / eps(t)) ||eta(0)||^2, kappa = cond H(0), with eps(t) "
-        "as it is; "
-        "that mends the proof of Theorem 2."
+        "0.1). Right: ||eta||^2 <= min(kappa e^(rho t), e^(-mu t) lambda_max(H(0)) / eps(t)) ||eta(0)||^2, kappa = cond H(0), "
+        "with eps(t) as it is; that mends the proof of Theorem 2."
     )
     return Statement(bool(1 / (1 + eps) >= 1), 1 / (1 + eps), why)
 
@@ -90,8 +87,7 @@ def _():
         off = max(off, abs(r * (mu * c / r) ** (mu / (mu + r)) / (c * (mu + r)) / found - 1))
     why = (
         "The algebra is right while mu eps eps_0 < sqrt(n+q), so that the maximum lies at t >= 0. Shown: the relative "
-        "difference from a "
-        "grid. With eps fixed and mu large it lies at t < 0."
+        "difference from a grid. With eps fixed and mu large it lies at t < 0."
     )
     return Statement(bool(off < 1e-6), off, why)
 
@@ -109,8 +105,7 @@ def _():
     table = _table(1.0)
     why = (
         f"True; the proof is mended at (28). sup ||eta|| / ||eta(0)|| is {_at_rates([one.value for one in table])} (n = 3, q = "
-        "1, H(0) = I), "
-        "below the bound there."
+        "1, H(0) = I), below the bound there."
     )
     return Statement(all(one.value <= one.bound for one in table), table[2].value, why)
 
@@ -136,9 +131,8 @@ def _():
     table = _table((1.0, 1.0, 1.0, 1e-4))
     why = (
         "Every fixed H(0) > 0 is nonpeaking uniformly in mu, with the limit bound sqrt(cond H(0)); it need not be small: "
-        "diag(1, 1, 1, "
-        f"1e-4) peaks at {_at_rates([one.value for one in table])}, bounds {', '.join(f'{one.bound:.4g}' for one in table)} (n "
-        "= 3, q = 1)."
+        f"diag(1, 1, 1, 1e-4) peaks at {_at_rates([one.value for one in table])}, bounds "
+        f"{', '.join(f'{one.bound:.4g}' for one in table)} (n = 3, q = 1)."
     )
     return Statement(all(one.value <= one.bound for one in table), max(one.value for one in table), why)
 
@@ -165,7 +159,6 @@ def _():
     gentle, steady = settled(lambda t: transition(N, Q, mu, 1.0, t)), settled(lambda t: transition_steady(N, Q, mu, t))
     why = (
         f"It does not peak, at a price: ||eta|| stays below 5 % of ||eta(0)|| from {gentle:.4g} s on with H(0) = I, from "
-        f"{steady:.4g} s with "
-        "the steady gain (n = 3, q = 1, mu = 60)."
+        f"{steady:.4g} s with the steady gain (n = 3, q = 1, mu = 60)."
     )
     return Statement(bool(gentle > steady), gentle, why)

@@ -51,9 +51,8 @@ def noise() -> Picture:
     ]
     return Picture(
         "001_noise",
-        "Ours: n = 3. Integrators help against tones far above the bandwidth; what they are worth against white noise depends "
-        "on "
-        "what is held equal.",
+        "Ours: n = 3. Integrators help against tones far above the bandwidth; what they are "
+        "worth against white noise depends on what is held equal.",
         (
             Panel("Tones in xhat_2 at equal bias", "frequency / mu_0", "|Xhat_2 / Y|", tuple(tones), "log", "log"),
             Panel("White noise", "q", "rms error over that of q = 0", tuple(white)),
@@ -76,8 +75,7 @@ def duffing() -> Picture:
     return Picture(
         "001_duffing",
         "Ours: the oscillator (40) from (1, 0), noise of standard deviation 0.1 held 5 ms, n = 3, q = 1, mu = 12, H(0) = I. "
-        "Both maps are "
-        "exact; the rational one has a singularity that noise reaches.",
+        "Both maps are exact; the rational one has a singularity that noise reaches.",
         (
             Panel("x1 and its estimates", "t [s]", "x1", tuple(lines), ylim=(-2.0, 2.0)),
             Panel("Errors", "t [s]", "|xhat_1 - x1|", tuple(errors), yscale="log", ylim=(1e-4, 1e2)),

@@ -35,9 +35,9 @@ def _():
     # z along the smallest eigenvector: sqrt(V) = sqrt(mu l) ||D z||
     ratio = math.sqrt(high / low)
     why = (
-        "By (14), ||D z|| <= sqrt(V / (mu l)) with the smallest eigenvalue l, so this step gives C1 = 2 L / sqrt(l); an "
-        "underline "
-        "is likely lost. With both bars over L it fails for z along the eigenvector of l, by the factor shown (n = 2, q = 1)."
+        "By (14), ||D z|| <= sqrt(V / (mu l)) with the smallest eigenvalue l, so this step gives C1 "
+        "= 2 L / sqrt(l); an underline is likely lost. With both bars over L it fails for z along "
+        "the eigenvector of l, by the factor shown (n = 2, q = 1)."
     )
     return Statement(bool(ratio <= 1), ratio, why)
 
@@ -47,8 +47,7 @@ def _():
     worst = max(a / b for a, b in (_slack(n, q, q - 1) for n, q in SIZES if q))
     why = (
         "True even with the printed C1 = 2 sqrt(L), which the step above does not give: by Cauchy-Schwarz in the norm of H_inf "
-        "the "
-        "sharp constant is 2 sqrt(H~_qq), never above 2 sqrt(L). Shown: the largest ratio of the two."
+        "the sharp constant is 2 sqrt(H~_qq), never above 2 sqrt(L). Shown: the largest ratio of the two."
     )
     return Statement(bool(worst <= 1), worst, why)
 
@@ -152,9 +151,9 @@ def _():
     n, q, mu = 3, 1, 10.0
     theta = tracker_bounds.start_over_steady(n, q, mu, 1.0)
     why = (
-        f"G(t) is a congruence of G(0) >= 0. For H(0) = c I it asks for c >= lambda_max(H_inf) = "
-        f"{np.linalg.norm(tracker_steady(n, q, mu), 2):.6g} at n = 3, q = 1, mu = 10. Shown: the largest theta with I >= theta "
-        "H_inf."
+        "G(t) is a congruence of G(0) >= 0. For H(0) = c I it asks for c >= lambda_max(H_inf) "
+        f"= {np.linalg.norm(tracker_steady(n, q, mu), 2):.6g} at n = 3, q = 1, mu = 10. "
+        "Shown: the largest theta with I >= theta H_inf."
     )
     return Statement(bool(theta >= 1), theta, why)
 
@@ -201,8 +200,7 @@ def _():
     ratio = math.exp(mu * bound.printed_T / 4)
     why = (
         "At t = T, with y^(n) = d = 0 and W(T) > 0, it reads W(T) <= e^(-mu T/4) W(T): false by the factor shown (n = 2, q = "
-        "1, "
-        "mu = 20). Right: e^(-mu (t-T)/4) W(T); K_0 / mu in (6) is then W(T), which depends on the start."
+        "1, mu = 20). Right: e^(-mu (t-T)/4) W(T); K_0 / mu in (6) is then W(T), which depends on the start."
     )
     return Statement(False, ratio, why)
 
@@ -243,8 +241,7 @@ def _():
     whole = h[0][0] * xi**2 + 2 * xi * h[0][1] + h[1][1]
     why = (
         f"n = 2, q = 1, mu = 1, z = ({xi}, 1, 0): ||e||^2 = {h[1][1]} but ||z||^2 = {whole}. What holds is ||e||_S <= ||z|| "
-        "with the "
-        "Schur complement S = H_ee - H_ex H_xx^-1 H_xe of H_inf, the least norm over xi; (6) is right in that norm."
+        "with the Schur complement S = H_ee - H_ex H_xx^-1 H_xe of H_inf, the least norm over xi; (6) is right in that norm."
     )
     return Statement(bool(h[1][1] <= whole), float(h[1][1] / whole), why)
 

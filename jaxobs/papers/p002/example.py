@@ -21,8 +21,7 @@ def _constant(j0: int, printed: str) -> None:
         theta = float(shared.row(j0, 1).theta)
         why = (
             "k_f (5 - j0)/5 is what the triangle inequality gives: valid. Sharp for all theta >= 1: k_f sqrt(5 - j0)/5 = "
-            f"{sharp:.6g}; "
-            f"at the printed theta = {theta}: {chain_lmi.gain_constant(shared.bounds(1), j0, theta):.6g}"
+            f"{sharp:.6g}; at the printed theta = {theta}: {chain_lmi.gain_constant(shared.bounds(1), j0, theta):.6g}"
         )
         return Bound(sharp, "upper", why)
 
@@ -53,10 +52,9 @@ def _():
     same = [shared.needed(shared.row(j0, 1), sharp=True).theta for j0 in (0, 1)]
     best = [shared.smallest(shared.row(j0, 1), sharp=True).theta for j0 in (0, 1)]
     why = (
-        f"printed: a factor {printed:.3g}; with the sharp constants for both and all corners {same[0]:.4g} -> {same[1]:.4g} "
-        "for the "
-        f"printed K, {best[0]:.4g} -> {best[1]:.4g} for the best: the reduction is real, a good part of its size is the "
-        "loose k_f"
+        f"printed: a factor {printed:.3g}; with the sharp constants for both and all corners {same[0]:.4g} "
+        f"-> {same[1]:.4g} for the printed K, {best[0]:.4g} -> {best[1]:.4g} for the best: the reduction "
+        "is real, a good part of its size is the loose k_f"
     )
     return Statement(bool(same[1] < same[0] and best[1] < best[0]), same[0] / same[1], why)
 
@@ -83,9 +81,8 @@ def _equal_rate() -> tuple[float, ...]:
 def _():
     sizes, thetas = _equal_rate(), [shared.smallest(shared.row(j0, 1), sharp=True).theta for j0 in range(4)]
     why = (
-        f"smallest theta with sharp constants for j0 = 0..3: {', '.join(f'{t:.4g}' for t in thetas)}; |L| of our designs at "
-        "an equal "
-        f"proved rate of {RATE} /s, j0 = 0..5: {', '.join(f'{s:.4g}' for s in sizes)}"
+        f"smallest theta with sharp constants for j0 = 0..3: {', '.join(f'{t:.4g}' for t in thetas)}; |L| of our designs at an "
+        f"equal proved rate of {RATE} /s, j0 = 0..5: {', '.join(f'{s:.4g}' for s in sizes)}"
     )
     return Statement(all(a > b for a, b in itertools.pairwise(thetas)), thetas[-1], why)
 
@@ -95,8 +92,7 @@ def _():
     sizes = _equal_rate()
     why = (
         f"its feasible set is the largest; |L| at an equal proved rate of {RATE} /s: {sizes[-1]:.4g}, against "
-        f"{min(sizes[:-1]):.4g} for "
-        "the best j0 < 5 of the same design rule (smallest K'PK at the theta the rule takes)"
+        f"{min(sizes[:-1]):.4g} for the best j0 < 5 of the same design rule (smallest K'PK at the theta the rule takes)"
     )
     return Statement(True if sizes[-1] < min(sizes[:-1]) else None, sizes[-1], why)
 

@@ -51,9 +51,8 @@ def _():
     table = dict(enumerate(errors()))
     late = "; ".join(f"j0 = {j0}: {one[0]:.2g}, {one[2]:.2g}, {one[4]:.2g}" for j0, one in table.items())
     why = (
-        f"RMS error of x_1, x_3, x_5 over t in [{SETTLED:g}, {HORIZON:g}], noise {NOISE} redrawn and held every {SAMPLING:g} "
-        "s (the paper "
-        f"leaves it open): {late}; j0 = 0..3 with the printed gains, 4 and 5 with ours"
+        f"RMS error of x_1, x_3, x_5 over t in [{SETTLED:g}, {HORIZON:g}], noise {NOISE} redrawn and held every {SAMPLING:g} s "
+        f"(the paper leaves it open): {late}; j0 = 0..3 with the printed gains, 4 and 5 with ours"
     )
     return Statement(all(bool(np.all(table[j0] < table[0])) for j0 in (1, 2, 3)), float(table[0][-1] / table[1][-1]), why)
 
@@ -107,9 +106,8 @@ def figure1() -> Picture:
             lines.append(Line(label, ts, np.maximum(gaps[j0, :, i], 1e-6), faint=j0 == 0))
         panels.append(Panel(f"x_{i + 1}", "t [s]", f"|error of x_{i + 1}|", tuple(lines), yscale="log"))
     caption = (
-        f"Paper 002, figure 1: k_f = 1, x(0) = (1, ..., 1), xhat(0) = (5, ..., 5), noise {NOISE} held for {SAMPLING:g} s "
-        "(our choice), "
-        "printed gains for the standard observer and j0 = 1, 2, 3; j0 = 4, 5 designed here."
+        f"Paper 002, figure 1: k_f = 1, x(0) = (1, ..., 1), xhat(0) = (5, ..., 5), noise {NOISE} held for {SAMPLING:g} s (our "
+        "choice), printed gains for the standard observer and j0 = 1, 2, 3; j0 = 4, 5 designed here."
     )
     return Picture("002-figure-1", caption, tuple(panels))
 

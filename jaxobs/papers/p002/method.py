@@ -132,9 +132,8 @@ def _():
 def _():
     proofs = [shared.design(j0) for j0 in range(N + 1)]
     why = (
-        "V = ehat'P ehat decreases at all corners, hence in the box; certified in exact arithmetic for the example with k_f "
-        "= 1 at "
-        f"j0 = 0..5, theta = {', '.join(f'{p.theta:.4g}' for p in proofs)}"
+        "V = ehat'P ehat decreases at all corners, hence in the box; certified in exact arithmetic for the example with k_f = "
+        f"1 at j0 = 0..5, theta = {', '.join(f'{p.theta:.4g}' for p in proofs)}"
     )
     return Statement(all(p.verify() for p in proofs), proofs[1].theta, why)
 
@@ -157,9 +156,8 @@ def _():
     proof = shared.design(2)
     least = (2 * proof.constant * proof.nu / proof.lam) ** (1 / 3)
     why = (
-        f"at the design with j0 = 2 the right side is {max(proof.sigma, least):.6g}, theta = {proof.theta:.6g}; (34) is "
-        "strict and "
-        "(36) is not: equality is allowed, since (31) is strict"
+        f"at the design with j0 = 2 the right side is {max(proof.sigma, least):.6g}, theta = {proof.theta:.6g}; (34) is strict "
+        "and (36) is not: equality is allowed, since (31) is strict"
     )
     return Statement(bool(proof.theta >= max(proof.sigma, least)), least, why)
 
@@ -169,8 +167,7 @@ def _():
     proofs = [shared.at_one(k_f) for k_f in (1, 10, 100)]
     why = (
         "even for every sigma: T(sigma) is a congruence at j0 = n, and the boxes of smaller j0 lie in that one; exact "
-        "certificates "
-        "at sigma = 1, j0 = 5 for k_f = 1, 10, 100"
+        "certificates at sigma = 1, j0 = 5 for k_f = 1, 10, 100"
     )
     return Statement(all(p.verify() for p in proofs), 1.0, why)
 
@@ -245,10 +242,8 @@ def _():
     best = min(visits, key=lambda v: v.size)
     why = (
         "from (iv) to (ii) tau stays what it is, so the first grid point with a solution is solved again and again (or once "
-        "more, "
-        f"if the same |L| ends it): sigma = {first.sigma:.4g} with |L| = {first.size:.5g}, while the walk that goes on to "
-        "(iii) "
-        f"finds {best.size:.5g} at sigma = {best.sigma:.4g}"
+        f"more, if the same |L| ends it): sigma = {first.sigma:.4g} with |L| = {first.size:.5g}, while the walk that goes on "
+        f"to (iii) finds {best.size:.5g} at sigma = {best.sigma:.4g}"
     )
     return Statement(False if best.size < first.size else None, first.size / best.size, why)
 

@@ -151,8 +151,7 @@ def _():
     verdict = proof.verify()
     why = (
         "V = ehat'P ehat decreases by (15) and (14); certified in exact arithmetic for the example at theta = "
-        f"{proof.theta:.6g} "
-        f"(V at the rate {2 * verdict.margins['decay_rate']:.3g} /s)"
+        f"{proof.theta:.6g} (V at the rate {2 * verdict.margins['decay_rate']:.3g} /s)"
     )
     return Statement(verdict.holds, verdict.margins["decay_rate"], why)
 

@@ -67,9 +67,8 @@ def _register(one: Printed) -> None:
     def _():
         worst = shared.nominal(one)
         why = "" if worst < 0 else (
-            f"max Re(A - K C) = {worst:+.4f}, times theta {worst * float(one.theta):+.3f} /s: with the printed K the error "
-            "of a "
-            "plant with slopes 0 grows; an entry may be lost, or a corner (all slopes positive) was the only one imposed"
+            f"max Re(A - K C) = {worst:+.4f}, times theta {worst * float(one.theta):+.3f} /s: with the printed K the error of "
+            "a plant with slopes 0 grows; an entry may be lost, or a corner (all slopes positive) was the only one imposed"
         )  # fmt: skip
         return Statement(bool(worst < 0), worst, why)
 

@@ -103,9 +103,8 @@ def _():
         return float(np.max(np.linalg.eigvals(np.diag([-1.0, 1.0], 1) - np.outer(gain, [1.0, 0, 0])).real))
 
     why = (
-        "lemma 1 has 0 < a <= a_i, theorem 1 only |a_i| >= a with a constant sign: for a_1 = -1, a_2 = 1 the K of a_i "
-        "> 0 leaves "
-        f"max Re = {growth(one.gain):.3f}. What is meant, and true: K up to the change of signs z_i -> s_i z_i, "
+        "lemma 1 has 0 < a <= a_i, theorem 1 only |a_i| >= a with a constant sign: for a_1 = -1, a_2 = 1 the K of a_i > 0 "
+        f"leaves max Re = {growth(one.gain):.3f}. What is meant, and true: K up to the change of signs z_i -> s_i z_i, "
         f"s_{{i+1}} = s_i sign(a_i), which gives max Re = {growth(other.gain):.3f}"
     )
     return Statement(False if growth(one.gain) > 0 and growth(other.gain) < 0 else None, growth(one.gain), why)
@@ -159,9 +158,8 @@ def _():
     gains = delta @ np.linalg.solve(s12, c.T) - np.linalg.solve(s25, c.T)
     residual = max(np.max(np.abs(moved - rate25)) / np.max(np.abs(rate25)), np.max(np.abs(gains)))
     why = (
-        "S_25 = theta Delta^-1 S_12 Delta^-1 and theta_25 = gamma theta_12 turn (12) into (25), gain included, for "
-        "every A(u) of the "
-        f"form (9): relative residual {residual:.1g} at a random point. Theorems 2 and 3 speak of one observer"
+        "S_25 = theta Delta^-1 S_12 Delta^-1 and theta_25 = gamma theta_12 turn (12) into (25), gain included, for every A(u) "
+        f"of the form (9): relative residual {residual:.1g} at a random point. Theorems 2 and 3 speak of one observer"
     )
     return Statement(bool(residual < 1e-11), float(residual), why)
 
@@ -177,10 +175,9 @@ def _():
 
     printed, right = (np.linalg.eigvalsh(steady(sign)) for sign in (-1, 1))
     why = (
-        f"its steady state has the eigenvalues {printed[0]:.4f}, {printed[1]:.4f} for A the shift and gamma = 2: "
-        f"negative definite, so "
-        "alpha_0 I <= S_0 cannot hold. With -gamma S_0 - A'S_0 - S_0 A + C'C, as in the equation of S above it, they are "
-        f"{right[0]:.4f}, {right[1]:.4f}"
+        f"its steady state has the eigenvalues {printed[0]:.4f}, {printed[1]:.4f} for A the shift and gamma = 2: negative "
+        "definite, so alpha_0 I <= S_0 cannot hold. With -gamma S_0 - A'S_0 - S_0 A + C'C, as in the equation of S above it, "
+        f"they are {right[0]:.4f}, {right[1]:.4f}"
     )
     return Statement(False if printed[0] < 0 < right[0] else None, float(printed[0]), why)
 

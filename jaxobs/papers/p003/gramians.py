@@ -73,10 +73,9 @@ def _():
     pair = pair_of("p003", GatedChain(), INPUTS["1"].signal)
     value = float(window_gramians(pair, np.asarray([1.0]), theta, NONE).full()[0, 0, 1, 1] * theta**3)
     why = (
-        "theta is a rate, so t >= theta compares a time with 1/time; definition 1 says t >= max{1/theta_0, t_0}, and "
-        "(16) follows on "
-        f"that domain: for u = 1, theta = 32, t = 1 (below theta) theta^3 psi_22 = {value:.6f}. With the printed domain no "
-        "fixed t would be covered as theta grows. The same holds after (18)"
+        "theta is a rate, so t >= theta compares a time with 1/time; definition 1 says t >= max{1/theta_0, t_0}, and (16) "
+        f"follows on that domain: for u = 1, theta = 32, t = 1 (below theta) theta^3 psi_22 = {value:.6f}. With the printed "
+        "domain no fixed t would be covered as theta grows. The same holds after (18)"
     )
     return Statement(False if value > 0.3 else None, value, why)
 
@@ -158,9 +157,8 @@ def _():
     for t in (0.5, 2.0, 5.0):
         ratios.append(float(np.linalg.norm(_first_term(3.0, t), 2) / np.exp(-(3.0 - 2.0) * t)))
     why = (
-        "u = cos t (m = 1), theta = 3, S(0) = I, omega = |S(0)| = 1: the largest |S - Psi| over its bound. Since A(u) "
-        "is nilpotent, "
-        "theta > 0 is enough: Phi(0, t) grows like t^{n-1}"
+        "u = cos t (m = 1), theta = 3, S(0) = I, omega = |S(0)| = 1: the largest |S - Psi| over its bound. Since A(u) is "
+        "nilpotent, theta > 0 is enough: Phi(0, t) grows like t^{n-1}"
     )
     return Statement(max(ratios) <= 1, max(ratios), why)
 
@@ -172,9 +170,9 @@ def _():
     psi = fading_gramians(pair, np.linspace(0, 10.0, 401), np.asarray([theta])).full()[-1, 0]
     printed = 1 / theta**2
     why = (
-        f"u = 1, theta = 4: Psi_12 = {psi[0, 1]:.6f}, printed {printed:.6f}. phi(s, t) runs backwards, so int_s^t "
-        f"should read int_t^s: "
-        "a factor (-1)^{i-1} in Psi_1i, (-1)^{i+j} in Psi_ij. The diagonal, all that definition 2 and (23) use, is not touched"
+        f"u = 1, theta = 4: Psi_12 = {psi[0, 1]:.6f}, printed {printed:.6f}. phi(s, t) runs backwards, so "
+        "int_s^t should read int_t^s: a factor (-1)^{i-1} in Psi_1i, (-1)^{i+j} in Psi_ij. The diagonal, "
+        "all that definition 2 and (23) use, is not touched"
     )
     wrong = abs(psi[0, 1] + printed) < 1e-9
     return Statement(False if wrong else None, float(psi[0, 1]), why)
@@ -190,9 +188,8 @@ def _():
     printed = float(np.cos(s) - np.cos(t) - (t - s) * np.sin(s))
     right = float((t - s) * np.sin(t) - (np.cos(s) - np.cos(t)))
     why = (
-        f"a_1 = 1, a_2 = cos, t = 3, s = 2: the entry of C phi(s, t) is {ours:.6f} = int_s^t int_{{t_1}}^t, which (14) "
-        f"gives too "
-        f"({right:.6f}); with the printed inner limits s, t_1 it is {printed:.6f}. They agree only for constant couplings"
+        f"a_1 = 1, a_2 = cos, t = 3, s = 2: the entry of C phi(s, t) is {ours:.6f} = int_s^t int_{{t_1}}^t, which (14) gives "
+        f"too ({right:.6f}); with the printed inner limits s, t_1 it is {printed:.6f}. They agree only for constant couplings"
     )
     return Statement(False if abs(ours - right) < 1e-9 < abs(ours - printed) else None, ours, why)
 
@@ -221,10 +218,8 @@ def _():
         worst = min(worst, float(np.min(np.linalg.eigvalsh(difference))))
     why = (
         "Psi(t, theta) >= e^{-1} G(t - 1/theta, t) >= e^{-1} alpha theta Delta^-2, and Gamma is bounded as in (18), so "
-        "alpha(theta) in i) is "
-        f"constant; iii) follows as well. Locally regular here: {', '.join(regular)}; all of them pass i) to iii). "
-        f"ours: the smallest "
-        "eigenvalue of Delta (Psi - G / e) Delta / theta over them"
+        f"alpha(theta) in i) is constant; iii) follows as well. Locally regular here: {', '.join(regular)}; all of them pass "
+        "i) to iii). ours: the smallest eigenvalue of Delta (Psi - G / e) Delta / theta over them"
     )
     return Statement(holds and worst > -1e-12, worst, why)
 
@@ -234,8 +229,8 @@ def _():
     found = classified("cos t")
     power = found.regularity.power(found.thetas)
     why = (
-        f"the alpha of (11) falls like theta^{power:.2f} (at the zeros of cos t), alpha(theta) of i) stays at "
-        f"{found.alpha.worst[-1]:.4f}, gamma at {found.gamma.worst[-1]:.4g}; iii) "
+        f"the alpha of (11) falls like theta^{power:.2f} (at the zeros of cos t), alpha(theta) "
+        f"of i) stays at {found.alpha.worst[-1]:.4f}, gamma at {found.gamma.worst[-1]:.4g}; iii) "
         f"{'holds' if found.lasting else 'fails'} too. {found.why}"
     )
     return Statement(found.strongly_persistent and not found.locally_regular, float(found.alpha.worst[-1]), why)
@@ -247,8 +242,7 @@ def _():
     first, last = found.floor.halves[0]
     why = (
         "a bump followed by u = 0 passes i) and ii): as S_22 dies out, Psi becomes diagonal, which is what i) "
-        "measures. Needed besides: "
-        f"iii) Psi(t, theta) >= c(theta) I; here lambda_min(Psi) at theta = 4 falls from {first:.2g} (first half) to "
-        f"{last:.2g} (second half)"
+        "measures. Needed besides: iii) Psi(t, theta) >= c(theta) I; here lambda_min(Psi) at theta = 4 falls "
+        f"from {first:.2g} (first half) to {last:.2g} (second half)"
     )
     return Statement(found.strongly_persistent and not found.lasting, float(last), why)

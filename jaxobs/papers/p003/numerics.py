@@ -28,9 +28,8 @@ def _():
         spread = max(spread, abs(first / worst - 1))
         shown.append(f"{raw:.2g} and {worst:.3g} for n = {n}")
     why = (
-        f"steady S of a chain: cond(S) at theta = 100 as it is, and with its diagonal scaled to 1: {'; '.join(shown)}. "
-        f"The scaled one "
-        f"does not depend on theta (to {spread:.1g}); ours is that of n = 5"
+        f"steady S of a chain: cond(S) at theta = 100 as it is, and with its diagonal scaled to 1: {'; '.join(shown)}. The "
+        f"scaled one does not depend on theta (to {spread:.1g}); ours is that of n = 5"
     )
     return Statement(bool(spread < 1e-6), float(worst), why)
 

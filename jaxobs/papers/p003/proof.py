@@ -50,11 +50,9 @@ def _():
     right = float(-theta * e @ s @ e + 2 * e @ s @ delta - (c @ e) @ (c @ e))
     spurious = float(delta @ s @ delta)
     why = (
-        f"V' = -theta |eps|^2 + 2 eps'Lambda' delta g - |C e|^2 (residual {abs(truth - right):.1g} at a random point); "
-        f"the printed "
-        f"equality has the term delta g'S delta g = {spurious:.4f} more. It is >= 0, so the inequalities that follow "
-        f"remain true, "
-        "and sharper without it"
+        f"V' = -theta |eps|^2 + 2 eps'Lambda' delta g - |C e|^2 (residual {abs(truth - right):.1g} at a random point); the "
+        f"printed equality has the term delta g'S delta g = {spurious:.4f} more. It is >= 0, so the inequalities that follow "
+        "remain true, and sharper without it"
     )
     return Statement(False if abs(truth - right) < 1e-10 and spurious > 0 else None, spurious, why)
 
@@ -75,9 +73,8 @@ def _():
             s = p + np.exp(-4.0 * t) * back.T @ back
             worst = max(worst, float(np.max(np.linalg.eigvals(np.linalg.solve(p, s)).real)))
     why = (
-        "u = cos t, theta = 4, S(0) = I, tau_0 = 2: the smallest a. In general a stays bounded because of iii): (22) "
-        "bounds S - Psi by a "
-        "multiple of I, which is a multiple of Psi only while Psi >= c I"
+        "u = cos t, theta = 4, S(0) = I, tau_0 = 2: the smallest a. In general a stays bounded because of iii): (22) bounds S "
+        "- Psi by a multiple of I, which is a multiple of Psi only while Psi >= c I"
     )
     return Statement(1 <= worst < 2, worst, why)
 
@@ -88,9 +85,8 @@ def _():
     p = psi[-1]
     correlation = float(abs(p[0, 1]) / np.sqrt(p[0, 0] * p[1, 1]))
     why = (
-        f"u = 1: |Psi_12| / sqrt(Psi_11 Psi_22) = {correlation:.4f}. The step needs Psi <= n Gamma only, which holds "
-        f"for every matrix >= 0 "
-        "of n diagonal blocks; the constants grow by n, the conclusion stands"
+        f"u = 1: |Psi_12| / sqrt(Psi_11 Psi_22) = {correlation:.4f}. The step needs Psi <= n Gamma only, which holds for every "
+        "matrix >= 0 of n diagonal blocks; the constants grow by n, the conclusion stands"
     )
     return Statement(False if correlation > 0.1 else None, correlation, why)
 
@@ -124,9 +120,9 @@ def _():
     psi_11, psi_21 = 1 / theta, -height / theta**2  # u = 100, in the limit of large t
     ratio = abs(psi_21) / psi_11
     why = (
-        "e_l'e_l <= |Psi_ll^-1| etilde_l'etilde_l, so the index must be ll; Psi_il is not square in general, and for u "
-        "= 100, theta = 10 "
-        f"|e_1|^2 exceeds |Psi_21^-1| |etilde_1|^2 by the factor {ratio:g}. Likely lost in the scan; the next line uses ll"
+        "e_l'e_l <= |Psi_ll^-1| etilde_l'etilde_l, so the index must be ll; Psi_il is not square in "
+        "general, and for u = 100, theta = 10 |e_1|^2 exceeds |Psi_21^-1| |etilde_1|^2 by the factor "
+        f"{ratio:g}. Likely lost in the scan; the next line uses ll"
     )
     return Statement(False if ratio > 1 else None, ratio, why)
 
@@ -168,11 +164,9 @@ def _():
     found, still, growing = classified("a bump, then 0"), all_errors()["a bump, then 0"], all_errors(True)["a bump, then 0"]
     counterexample = found.strongly_persistent and still.fading > 1e-2 and growing.fading > 1.0
     why = (
-        f"with definition 2 as printed, a bump followed by u = 0 is in C_SP, and |e({END:g})| / |e(0)| = "
-        f"{still.fading:.3g} on example 1, "
-        f"{growing.fading:.3g} where x2' = {GROWTH:g} x2: V = e'S e falls, but S falls with it. Taken with iii) Psi >= "
-        f"c(theta) I for large "
-        "theta, which the proof uses tacitly, theorem 3 holds (next claim)"
+        f"with definition 2 as printed, a bump followed by u = 0 is in C_SP, and |e({END:g})| / |e(0)| = {still.fading:.3g} on "
+        f"example 1, {growing.fading:.3g} where x2' = {GROWTH:g} x2: V = e'S e falls, but S falls with it. Taken with iii) Psi "
+        ">= c(theta) I for large theta, which the proof uses tacitly, theorem 3 holds (next claim)"
     )
     return Statement(False if counterexample else None, growing.fading, why)
 
@@ -198,10 +192,8 @@ def _():
     name = "max(0, sin(pi t/2))"
     found, worst = classified(name), max(all_errors()[name].fading, all_errors(True)[name].fading)
     why = (
-        f"u = {name} fails i): alpha(theta) grows from {found.alpha.worst[0]:.4g} to {found.alpha.worst[-1]:.4g} "
-        f"between theta = "
-        f"{found.thetas[0]:g} and {found.thetas[-1]:g}, just after the light comes back; (25) converges all the same on "
-        f"both plants "
-        f"(ours: |e({END:g})| / |e(0)|)"
+        f"u = {name} fails i): alpha(theta) grows from {found.alpha.worst[0]:.4g} to {found.alpha.worst[-1]:.4g} between theta "
+        f"= {found.thetas[0]:g} and {found.thetas[-1]:g}, just after the light comes back; (25) converges all the same on both "
+        f"plants (ours: |e({END:g})| / |e(0)|)"
     )
     return Statement(not found.comparable and worst < 1e-6, worst, why)
