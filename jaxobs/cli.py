@@ -106,11 +106,11 @@ def reproduce(
                 _print_paper(console, papers.load(number), found)
             if figures is not None:
                 progress.update(task, description=f"figures of {number}")
-                for path, _ in papers_figures.draw_all(papers.pictures(number), figures):
-                    console.print(f"Figure: {path}", highlight=False)
+                for path, caption in papers_figures.draw_all(papers.pictures(number), figures):
+                    console.print(f"Figure: {path}: {caption}", highlight=False, markup=False)
     if as_json:
         print(json.dumps(papers_text.as_json(rows), indent=2))
-    else:
+    elif paper is None:
         console.print(papers_text.count(rows), highlight=False)
     return 0
 

@@ -124,10 +124,24 @@ def test_48_the_physical_noise_grows_with_gamma():
     assert row("(48) level gamma^-q/2").ours == pytest.approx(1.5)
 
 
+def test_48_so_does_a_tone_far_above_the_bandwidth():
+    """Its answer in xhat_2 goes like gamma^{q+2}: for white noise and tones alike, the level does not fall with gamma."""
+    for q in range(4):
+        gains = []
+        for gamma in (4.0, 8.0):
+            f, b = noise.system(np.asarray([math.comb(2 + q, k) for k in range(1, 3 + q)]) * gamma ** np.arange(1.0, 3 + q), q)
+            gains.append(abs(np.linalg.solve(1e4j * np.eye(2 + q) - f, b)[q + 1]))
+        assert math.log2(gains[1] / gains[0]) == pytest.approx(q + 2, abs=0.01)
+    assert "gamma^(2, 3, 4, 5)" in row("(48) level gamma^-q/2").why
+
+
 def test_an_offset_passes():
     f, b = noise.system(np.asarray([4.0, 6.0, 4.0, 1.0]) * 6.0 ** np.arange(1.0, 5.0), 2)
     found = scipy.integrate.solve_ivp(lambda t, e: f @ e + b, (0, 10), np.zeros(4), method="BDF", rtol=1e-9, atol=1e-12)
-    assert abs(found.y[2, -1]) == pytest.approx(row("Corollary 2: decouples").ours, rel=1e-5) == pytest.approx(1, rel=1e-5)
+    said = row("Corollary 2: decouples")
+    assert abs(found.y[2, -1]) == pytest.approx(1, rel=1e-5)
+    assert "an offset in y passes to xhat_1 with gain 1 " in said.why
+    assert (said.verdict, said.ours) == ("reproduced", np.linalg.norm(b))  # for every gamma
 
 
 @pytest.mark.slow
@@ -151,6 +165,7 @@ def test_44_needs_more_gamma_than_figure_3_may_have():
 def test_51_needs_the_estimate_in_phi():
     phi = [np.sin(x) + 0.5 * np.cos(x) for x in (0.2, 1.0)]
     assert row("(50)-(51) (54)").ours == pytest.approx(0.01 * (phi[0] - phi[1]))
+    assert row("(50)-(51) (54)").verdict == "scan?"
 
 
 def test_53_the_first_column_decides():
@@ -166,7 +181,15 @@ def test_57_has_a_wrong_sign():
     x, e = 2.0, 1.0
     after = e - e / x
     assert x * after**2 - x * e**2 == pytest.approx(-1.5)
-    assert (e - e / x) * x * (e + e / x) - x * e**2 == pytest.approx(-1.5 + row("(56)-(57)").ours)
+    found = row("(56)-(57)")
+    assert found.verdict == "slip"
+    assert (e - e / x) * x * (e + found.ours * e / x) - x * e**2 == pytest.approx(-1.5)
+    assert (e - e / x) * x * (e + e / x) - x * e**2 == pytest.approx(-0.5)
+
+
+def test_64_needs_a_column():
+    p, _ = riccati.solve(ALPHAS, GAMMA)
+    assert (row("(64)").verdict, row("(64)").ours) == ("slip", np.atleast_2d(p[:, 0]).T.shape[1])
 
 
 @pytest.mark.parametrize("delta", discrete.POINTS)

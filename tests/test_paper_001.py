@@ -103,7 +103,7 @@ def test_noise_by_simulation_of_the_filters():
         omega = np.geomspace(1, 10, 20001)
         edges.append(omega[np.searchsorted(-oracle.magnitude(systems[q][0], omega), -1 / math.sqrt(2))])
     differs("noise and q: white, equal bandwidth", white[1][0] / white[0][0] * math.sqrt(edges[0] / edges[1]), rel_tol=1e-3)
-    differs("robust against any perturbation", oracle.magnitude(systems[3][0], 0.0)[0])
+    differs("robust against any perturbation", oracle.magnitude(systems[3][0], 0.0)[0], verdict="open")
     raw = 200.0 / oracle.magnitude(oracle.filter_of(3, 1, 2, 20.0), 200.0)[0]
     differs("(43) raw y'", raw)
 

@@ -203,7 +203,9 @@ def test_step_iv_must_move_on():
     sizes = [v.size for v in visits]
     assert sizes[0] == max(s for s in sizes[:10])
     assert np.argmin(sizes) > 0
-    assert claim("algorithm (iv)").ours == pytest.approx(sizes[0] / min(sizes))
+    found = claim("algorithm (iv)")
+    assert (found.verdict, found.ours) == ("slip", 3)
+    assert f"{min(sizes):.5g}" in found.why
 
 
 @pytest.mark.slow

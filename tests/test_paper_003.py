@@ -1,5 +1,7 @@
 """Paper 003: what the claims say of the ten inputs, and every verdict other than "reproduced" proved on another route."""
 
+import collections
+
 import numpy as np
 import pytest
 from oracles import lyapunov as oracle
@@ -115,9 +117,10 @@ def test_the_printed_equation_of_s0_is_refuted_by_scipy():
     row = claim("(12) equation of S_0")
     a, c = np.eye(2, k=1), np.eye(1, 2)
     printed = solve_continuous_lyapunov((a - np.eye(2)).T, c.T @ c)  # A'S + SA - 2 S = C'C
-    assert row.verdict == "false as stated"
-    assert row.ours == pytest.approx(np.linalg.eigvalsh(printed)[0])
+    assert (row.verdict, row.ours) == ("slip", 1)
+    assert f"{np.linalg.eigvalsh(printed)[0]:.4f}" in row.why
     assert np.linalg.eigvalsh(printed)[-1] < 0
+    assert np.linalg.eigvalsh(solve_continuous_lyapunov((-a - np.eye(2)).T, -c.T @ c))[0] > 0
 
 
 def test_remark_1_2_is_refuted_by_quadrature():
@@ -159,15 +162,17 @@ def test_the_other_verdicts():
     assert (row.verdict, row.ours) == ("false as stated", pytest.approx(1 / np.sqrt(2), rel=1e-6))
     assert claim("(23) Gamma > 0 by construction").verdict == "false as stated"
     row = claim("(16) domain")
-    assert (row.verdict, row.ours) == ("false as stated", pytest.approx(1 / 3, rel=1e-9))
+    assert (row.verdict, row.ours) == ("conservative", 0.25)
+    assert f"{1 / 3:.6f}" in row.why  # theta^3 int_0^{1/theta} s^2 ds
     assert claim("(34)").verdict == "scan?"
 
 
 @pytest.mark.slow
 def test_every_claim_is_settled():
     rows = [one.check() for one in load("003").claims]
-    assert {row.verdict for row in rows} <= {"reproduced", "false as stated", "scan?"}
-    assert sum(row.verdict == "false as stated" for row in rows) == 9
+    counts = collections.Counter(row.verdict for row in rows)
+    assert set(counts) == {"reproduced", "false as stated", "scan?", "slip", "conservative"}
+    assert (counts["false as stated"], counts["slip"], counts["conservative"], counts["scan?"]) == (7, 1, 1, 1)
 
 
 def test_the_picture_is_drawn_from_finite_numbers():

@@ -12,7 +12,7 @@ from scipy.linalg import expm
 
 import jaxobs
 from jaxobs import linalg
-from jaxobs.designs import best_rate, equal_bandwidth, equal_bias, peak, theorem1, tracker_bounds, tracker_gains
+from jaxobs.designs import best_rate, equal_bandwidth, equal_bias, fading_rate, peak, theorem1, tracker_bounds, tracker_gains
 from jaxobs.designs.tracker import lost, relative_tone, relative_white, response, transfer
 from jaxobs.observers import DiscreteTracker, Tracker
 
@@ -205,3 +205,12 @@ def test_theorem_1_holds_where_it_promises_to():
     assert tracker_bounds.disturbance(n, q, mu, 1.0, bound.settled * 0.999) > mu / 2
     theta = tracker_bounds.start_over_steady(n, q, mu, 1.0)
     assert abs(np.linalg.eigvalsh(np.eye(3) - theta * h)[0]) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("sigma", "dt"), [(0.0, 1.0), (1.0, 1.0), (-0.5, 1.0), (float("nan"), 1.0), (0.5, 0.0), (0.5, float("inf"))]
+)
+def test_a_memory_outside_its_range_is_refused(sigma, dt):
+    name = "dt" if sigma == 0.5 else "sigma"
+    with pytest.raises(ValueError, match=rf"fading_rate.{name}: given .*; expected a"):
+        fading_rate(sigma, dt)

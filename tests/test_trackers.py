@@ -10,6 +10,7 @@ from oracles import tracker as oracle
 from scipy.linalg import expm
 
 import jaxobs
+from jaxobs.designs import fading_rate
 from jaxobs.observers import DiscreteTracker, IntegralHighGain, Tracker
 from jaxobs.observers._fading import fading_memory_gain
 from jaxobs.plants import IntegratorChain
@@ -94,7 +95,7 @@ def test_all_discrete_poles_lie_at_sigma(n, q):
     gain_for = jax.jit(lambda mu, dt: DiscreteTracker(n, q, mu, dt).gain(jnp.asarray(5.0)))
     f, _, _ = oracle.held_first_order(n, q, 1.0)
     for sigma in (0.3, 0.9):
-        mu = -math.log(sigma)
+        mu = fading_rate(sigma, 1.0)
         gain = np.asarray(gain_for(mu, 1.0))
         closed = f - np.outer(signs(n, q) * gain, f[0])  # (I - G C) F
         off = closed - sigma * np.eye(size)

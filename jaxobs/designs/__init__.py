@@ -46,6 +46,7 @@ from jaxobs.designs.tracker import TrackerGains as TrackerGains
 from jaxobs.designs.tracker import best_rate as best_rate
 from jaxobs.designs.tracker import equal_bandwidth as equal_bandwidth
 from jaxobs.designs.tracker import equal_bias as equal_bias
+from jaxobs.designs.tracker import fading_rate as fading_rate
 from jaxobs.designs.tracker import tracker_gains as tracker_gains
 from jaxobs.designs.tracker_bounds import peak as peak
 from jaxobs.designs.tracker_bounds import theorem1 as theorem1

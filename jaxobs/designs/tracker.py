@@ -19,6 +19,19 @@ from jaxtyping import Float
 from jaxobs._module import refuse, require_integer
 
 
+def fading_rate(sigma: float, dt: float) -> float:
+    """mu = -ln(sigma) / dt [1/s]: the rate of the DiscreteTracker whose poles lie at sigma, for samples dt [s] apart.
+
+    ValueError unless 0 < sigma < 1 and dt > 0. Source: paper 001, (30), with the exact sigma.
+    """
+    if not 0 < sigma < 1:
+        fix = "It is how much of a sample is remembered at the next one: near 1 is slow and quiet, near 0 fast and noisy."
+        raise refuse("fading_rate", "sigma", sigma, "a number in ]0, 1[", fix)
+    if not (math.isfinite(dt) and dt > 0):
+        raise refuse("fading_rate", "dt", dt, "a positive number", "It is the sampling period in seconds.")
+    return -math.log(sigma) / dt
+
+
 def transfer(n: int, q: int, i: int) -> list[int]:
     """The numerator of Xhat_i / Y at mu = 1, constant term first; the denominator is (s + 1)^(n + q)."""
     size = _size(n, q, i)

@@ -13,7 +13,7 @@ from jaxobs.designs import (
     euler_riccati_period,
     euler_tied_period,
 )
-from jaxobs.papers.claims import Bound, Point, Statement
+from jaxobs.papers.claims import Bound, Point, Statement, Value
 from jaxobs.papers.p000 import experiment
 from jaxobs.papers.p000.paper import PAPER
 from jaxobs.papers.p000.weights import riccati_pair
@@ -49,15 +49,17 @@ def euler_model(gain: np.ndarray, delta: float, x: np.ndarray, epsilon: float) -
     return EulerModel(2, 0, tuple(float(v) for v in gain), delta, left, right, _rows(x), epsilon, origin=SLOPE.origin)
 
 
-@PAPER.claim("(50)-(51) (54)", "identity", printed="xhat_{k+1} = A_d xhat_k + delta B phi(x_k, u_k) + X^-1 C'(y_k - C xhat_k)")
+@PAPER.claim(
+    "(50)-(51) (54)", "identity", printed="xhat_{k+1} = A_d xhat_k + delta B phi(x_k, u_k) + X^-1 C'(y_k - C xhat_k)", scan=True
+)
 def _():
     """(54) minus what (51) and (50) give, at one pair of states."""
     x, xhat, u = jnp.asarray([1.0, 0.0]), jnp.asarray([0.2, 0.3]), jnp.asarray([0.5])
     plant, delta = Pendulum(), 0.01
     in_54 = delta * float(plant.phi(xhat, u) - plant.phi(x, u))
     why = (
-        "phi needs the estimate: with phi(x_k), which is not measured, it would cancel in the error and (54) would miss "
-        f"{in_54:.4g} at one pair of states. With phi(xhat_k), as in (52) and (53), (54) follows"
+        "a hat is lost, by the author or in the scan: phi(xhat_k), as in (52) and (53), gives (54). With phi(x_k), which is "
+        f"not measured, phi would cancel in the error, and (54) would miss {in_54:.4g} at one pair of states"
     )
     return Statement(abs(in_54) < 1e-12, in_54, why)
 
@@ -86,18 +88,21 @@ def _():
     return Statement(bool(worst < 1 and fits), worst, why)
 
 
-@PAPER.claim("(56)-(57)", "identity", printed="... x (A_d + X^-1 C'C + F) e_k - ...")
+@PAPER.claim("(56)-(57)", "value", printed="1")
 def _():
-    """V_{k+1} - V_k of a scalar chain with F = 0, X = 2, A_d = 1, C = 1: direct, and by (57) as printed."""
+    """The sign of X^-1 C'C in the second bracket of (57), from V_{k+1} - V_k of a scalar chain with F = 0, X = 2, A_d = 1, C =
+    1.
+    """
     x, e = Fraction(2), Fraction(1)
     step = (1 - 1 / x) * e
     direct = step * x * step - e * x * e
-    printed = e * (1 - 1 / x) * x * (1 + 1 / x) * e - e * x * e
+    by_sign = {sign: e * (1 - 1 / x) * x * (1 + sign / x) * e - e * x * e for sign in (1, -1)}
+    (right,) = [sign for sign, value in by_sign.items() if value == direct]
     why = (
-        "the second bracket is the transpose of the first, A_d - X^-1 C'C + F: for n = 1, X = 2, F = 0 the difference is "
-        f"{float(direct):g}, {float(printed):g} as printed. (58) has the right sign"
+        "the sign of X^-1 C'C in the second bracket of (57), which is the transpose of the first: for n = 1, X = 2, F = 0 the "
+        f"difference of V is {float(direct):g}, {float(by_sign[1]):g} with + as printed. (58) has it right"
     )
-    return Statement(direct == printed, float(printed - direct), why)
+    return Value(float(right), why)
 
 
 @PAPER.claim("(58)", "universal", printed="the integral leaves the square, by lemma 2")
@@ -200,13 +205,15 @@ def _():
     return Bound(period.dt, "lower", why)
 
 
-@PAPER.claim("(64)", "identity", printed="... + delta B phi(x_k, u_k) + delta P(gamma)(y_k - C xhat_k)")
+@PAPER.claim("(64)", "value", printed="2")
 def _():
+    """The columns of the gain."""
     p = np.asarray(riccati_pair(jnp.asarray(experiment.ALPHAS), jnp.asarray(experiment.GAMMA))[0])
     why = (
-        f"P is {p.shape[0]} by {p.shape[1]} and the innovation a scalar: delta P C' is meant, and phi(xhat_k, u_k), as in (53)"
+        f"columns of the gain: delta P(gamma) has {p.shape[1]}, but the innovation is a scalar. Meant is delta P C', and "
+        "phi(xhat_k, u_k), both as in (53)"
     )
-    return Statement(p.shape == (2, 1), f"{p.shape[0]} by {p.shape[1]}", why)
+    return Value(float((p @ np.eye(2, 1)).shape[1]), why)
 
 
 @PAPER.claim("(65) entry (2,1)", "identity", printed="(A + alpha I) P^-1 - C'C")
@@ -216,8 +223,8 @@ def _():
     inverse, a, alpha = np.linalg.inv(p), np.eye(2, k=1), 1 / LARGEST_63
     gap = float(np.max(np.abs((a + alpha * np.eye(2)) @ inverse - inverse @ (a + alpha * np.eye(2)))))
     why = (
-        f"P^-1 (A + alpha I) - C'C is the transpose of the entry (1,2); the printed order differs by {gap:.4g} and is not "
-        "symmetric"
+        "a slip of order, (63) has it right: P^-1 (A + alpha I) - C'C is the transpose of the entry (1,2); the order printed "
+        f"in (65) differs by {gap:.4g}, and the matrix is not symmetric"
     )
     return Statement(gap < 1e-12, gap, why)
 

@@ -51,7 +51,10 @@ def noise_law() -> Picture:
         Line(f"equal {name}", orders, np.asarray(values), style="--" if name == "gamma" else "-")
         for name, values in law_ratios.items()
     )
-    seen = tuple(Line("", orders, np.mean(table[name], axis=1), style="o", faint=True) for name in law_ratios)
+    seen = tuple(
+        Line("measured" if i == 0 else "", orders, np.mean(table[name], axis=1), style="o", faint=True)
+        for i, name in enumerate(law_ratios)
+    )
     panels = (
         Panel("At equal gamma", "gamma", "RMS error of x2", law, "log", "log"),
         Panel("What q integrators are worth", "q", "RMS error of x2, relative to (3, 2)", (*worth, *seen), ylim=(0.0, 1.3)),

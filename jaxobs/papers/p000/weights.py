@@ -71,7 +71,7 @@ def _():
     right = exact.chain_weights([Fraction(x) for x in alphas])
     fails = hurwitz.is_hurwitz(alphas) and min(printed) > 0 and min(right) < 0
     why = (
-        f"the same index as in (8), here from n = 3: for the Hurwitz alphas {_listed(alphas)} the sums of (10) are "
+        f"the same index as in (8), at i = 1 from n = 3 on: for the Hurwitz alphas {_listed(alphas)} the sums of (10) are "
         f"{_listed(printed)}, but q = {_listed(right)}. With the q_i of (17) all is well"
     )
     return Statement(not fails, float(min(right)), why)
@@ -82,8 +82,9 @@ def _():
     alphas = [1.0, 1.0]
     q1 = exact.chain_weights([Fraction(a) for a in alphas])[0]
     why = (
-        f"s^2 + s + 1 is Hurwitz, but q_1 = {float(q1):g}: (10) asks for |Im| < |Re| when n = 2. It restricts this certificate "
-        "only: the observer itself works with any Hurwitz polynomial if gamma is large enough"
+        "within (10), which theorem 1 asks for and which is more than Hurwitz: for n = 2 it means |Im| < |Re|, and s^2 + s + 1 "
+        f"has q_1 = {float(q1):g}. It restricts this certificate only: the observer itself works with any Hurwitz polynomial "
+        "if gamma is large enough"
     )
     return Statement(bool(q1 > 0), float(q1), why)
 

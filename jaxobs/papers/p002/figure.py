@@ -109,7 +109,7 @@ def figure1() -> Picture:
         f"Paper 002, figure 1: k_f = 1, x(0) = (1, ..., 1), xhat(0) = (5, ..., 5), noise {NOISE} held for {SAMPLING:g} s (our "
         "choice), printed gains for the standard observer and j0 = 1, 2, 3; j0 = 4, 5 designed here."
     )
-    return Picture("002-figure-1", caption, tuple(panels))
+    return Picture("002_figure1", caption, tuple(panels))
 
 
 PICTURES = (figure1,)

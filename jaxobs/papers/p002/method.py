@@ -196,8 +196,8 @@ def _():
     found = chain_lmi.smallest_theta(shared.bounds(0.01), 1)
     proof = high_gain_lmi(shared.plant(0.01), bounds=shared.bounds(0.01), j0=1, theta=1.0, sigma=1.0)[1]
     why = (
-        f"true while (32) asks for more than sigma; at k_f = 0.01, j0 = 1 theta = {found.theta:g} holds with sigma = 1 (exact "
-        "certificate), and sigma > 1 would force theta >= sigma > 1"
+        "in the sense of theta, which is compared, true while (32) asks for more than sigma; at k_f = 0.01, j0 = 1 theta = "
+        f"{found.theta:g} holds with sigma = 1 (exact certificate), and sigma > 1 would force theta >= sigma > 1"
     )
     return Statement(False if found.theta == 1.0 and proof.verify() else None, found.theta, why)
 
@@ -235,17 +235,18 @@ def _():
     return Statement(proof.verify().holds and proof.theta >= edge, proof.theta, why)
 
 
-@PAPER.claim("algorithm (iv)", "universal", printed="go to step (ii)", long=True)
+@PAPER.claim("algorithm (iv)", "value", printed="2", long=True)
 def _():
+    """The step to go to from (iv): (ii) is printed."""
     visits = _walk()[2]
     first = next(v for v in visits if np.isfinite(v.size))
     best = min(visits, key=lambda v: v.size)
     why = (
-        "from (iv) to (ii) tau stays what it is, so the first grid point with a solution is solved again and again (or once "
-        f"more, if the same |L| ends it): sigma = {first.sigma:.4g} with |L| = {first.size:.5g}, while the walk that goes on "
-        f"to (iii) finds {best.size:.5g} at sigma = {best.sigma:.4g}"
+        "the step to go to: from (iv) to (ii), as printed, tau stays what it is, so the first grid point with a solution is "
+        f"solved again and again (or once more, if the same |L| ends it): sigma = {first.sigma:.4g} with |L| = "
+        f"{first.size:.5g}, while the walk that goes on to (iii) finds {best.size:.5g} at sigma = {best.sigma:.4g}"
     )
-    return Statement(False if best.size < first.size else None, first.size / best.size, why)
+    return Value(3.0 if best.size < first.size else float("nan"), why)
 
 
 @functools.cache

@@ -1,5 +1,7 @@
 """Section 2.1: normal forms, constant gains, lemma 1 and theorem 1, and the observer (12)."""
 
+import math
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,7 +11,7 @@ from jaxobs.designs import Infeasible, lemma1, triangular
 from jaxobs.excitation import structure
 from jaxobs.observers import Lyapunov
 from jaxobs.observers.lyapunov import from_scaled
-from jaxobs.papers.claims import Statement
+from jaxobs.papers.claims import Statement, Value
 from jaxobs.papers.p003.inputs import INPUTS, GatedGrowth
 from jaxobs.papers.p003.paper import PAPER
 from jaxobs.papers.p003.runs import END, GROWTH, all_errors, classified
@@ -164,8 +166,9 @@ def _():
     return Statement(bool(residual < 1e-11), float(residual), why)
 
 
-@PAPER.claim("(12) equation of S_0", "identity", printed="S_0' = -gamma S_0 + A'S_0 + S_0 A - C'C")
+@PAPER.claim("(12) equation of S_0", "value", printed="-1")
 def _():
+    """The sign of C'C, and turned round those of A'S_0 and S_0 A, in S_0' = -gamma S_0 + A'S_0 + S_0 A - C'C."""
     gamma = 2.0
     a, c = np.eye(2, k=1), np.eye(1, 2)
 
@@ -175,11 +178,11 @@ def _():
 
     printed, right = (np.linalg.eigvalsh(steady(sign)) for sign in (-1, 1))
     why = (
-        f"its steady state has the eigenvalues {printed[0]:.4f}, {printed[1]:.4f} for A the shift and gamma = 2: negative "
-        "definite, so alpha_0 I <= S_0 cannot hold. With -gamma S_0 - A'S_0 - S_0 A + C'C, as in the equation of S above it, "
-        f"they are {right[0]:.4f}, {right[1]:.4f}"
+        f"the sign of C'C: as printed the steady state has the eigenvalues {printed[0]:.4f}, {printed[1]:.4f} for A the shift "
+        "and gamma = 2: negative definite, so alpha_0 I <= S_0 cannot hold. With -gamma S_0 - A'S_0 - S_0 A + C'C, as in the "
+        f"equation of S above it, they are {right[0]:.4f}, {right[1]:.4f}"
     )
-    return Statement(False if printed[0] < 0 < right[0] else None, float(printed[0]), why)
+    return Value(1.0 if printed[0] < 0 < right[0] else math.nan, why)
 
 
 @PAPER.claim("theorem 2 (12)", "universal", printed="an observer for locally regular inputs", long=True)

@@ -7,8 +7,8 @@ from numpy.polynomial import Chebyshev
 from jaxobs.excitation import fading_gramians, window_gramians
 from jaxobs.excitation.gramian import pair_of
 from jaxobs.observers import Lyapunov
-from jaxobs.papers.claims import Statement
-from jaxobs.papers.p003.inputs import INPUTS
+from jaxobs.papers.claims import Bound, Statement
+from jaxobs.papers.p003.inputs import INPUTS, THETAS
 from jaxobs.papers.p003.paper import PAPER
 from jaxobs.papers.p003.runs import classified, solve_s
 from jaxobs.plants import FieldMotor, GatedChain, IntegratorChain
@@ -67,17 +67,18 @@ def _():
     return Statement(beta >= alpha, beta, f"u = 1 + 0.5 sin t: beta = {beta:.4g} >= alpha = {alpha:.4g} of (11) at theta = 8")
 
 
-@PAPER.claim("(16) domain", "identity", printed="t >= max{t_0, theta}")
+@PAPER.claim("(16) domain", "bound", printed="32")
 def _():
-    theta = 32.0
+    """The time from which (16) holds at theta = 32 and t_0 = 0, for u = 1: max{t_0, theta} as printed, max{t_0, 1/theta_0}."""
+    theta, least = 32.0, min(THETAS)
     pair = pair_of("p003", GatedChain(), INPUTS["1"].signal)
-    value = float(window_gramians(pair, np.asarray([1.0]), theta, NONE).full()[0, 0, 1, 1] * theta**3)
+    value = float(window_gramians(pair, np.asarray([1 / least]), theta, NONE).full()[0, 0, 1, 1] * theta**3)
     why = (
-        "theta is a rate, so t >= theta compares a time with 1/time; definition 1 says t >= max{1/theta_0, t_0}, and (16) "
-        f"follows on that domain: for u = 1, theta = 32, t = 1 (below theta) theta^3 psi_22 = {value:.6f}. With the printed "
-        "domain no fixed t would be covered as theta grows. The same holds after (18)"
+        f"at theta = {theta:g} and t_0 = 0: t >= max{{t_0, theta}} is valid, but theta is 1/time; definition 1 says t >= "
+        f"max{{1/theta_0, t_0}}, and (16) holds from there on: u = 1, theta_0 = {least:g}, t = {1 / least:g}, theta^3 psi_22 = "
+        f"{value:.6f}. The printed domain recedes as theta grows. The same after (18)"
     )
-    return Statement(False if value > 0.3 else None, value, why)
+    return Bound(1 / least if value > 0.3 else theta, "upper", why)
 
 
 def _ratios(name: str, theta: float) -> np.ndarray:
@@ -238,11 +239,20 @@ def _():
 
 @PAPER.claim("definition 2 admits lost states", "universal", printed="i) and ii)")
 def _():
-    found = classified("a bump, then 0")
+    """For t >= 2 by Cauchy and Schwarz Psi_12^2 <= e^{-theta (t - 1)} Psi_11 Psi_22, so i) holds with alpha(theta) =
+    1 / (1 - e^{-theta/2}); and Psi_22 <= e^{-theta (t - 1)} / theta since int u < 1, which is ii).
+    """
+    found, theta = classified("a bump, then 0"), 4.0
     first, last = found.floor.halves[0]
+    grid = np.linspace(0, 8.0, 257)
+    psi = fading_gramians(pair_of("p003", GatedChain(), INPUTS["a bump, then 0"].signal), grid, np.asarray([theta])).full()
+    late = psi[grid >= 2.0, 0]
+    fades = np.exp(-theta * (grid[grid >= 2.0] - 1))
+    bound = float(np.max(late[:, 0, 1] ** 2 / (late[:, 0, 0] * late[:, 1, 1] * fades)))
     why = (
-        "a bump followed by u = 0 passes i) and ii): as S_22 dies out, Psi becomes diagonal, which is what i) "
-        "measures. Needed besides: iii) Psi(t, theta) >= c(theta) I; here lambda_min(Psi) at theta = 4 falls "
-        f"from {first:.2g} (first half) to {last:.2g} (second half)"
+        "a bump over 1 s followed by u = 0 passes i) and ii): as S_22 dies out, Psi becomes diagonal, which is what i) "
+        "measures. In closed form, for t >= 2: Psi_12^2 <= e^{-theta (t-1)} Psi_11 Psi_22 (largest ratio on a grid "
+        f"{bound:.3g}), so alpha(theta) = 1 / (1 - e^{{-theta/2}}) will do. Needed besides: iii) Psi(t, theta) >= c(theta) I; "
+        f"here lambda_min(Psi) at theta = {theta:g} falls from {first:.2g} (first half) to {last:.2g} (second half)"
     )
-    return Statement(found.strongly_persistent and not found.lasting, float(last), why)
+    return Statement(found.strongly_persistent and not found.lasting and bound <= 1, float(last), why)

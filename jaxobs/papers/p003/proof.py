@@ -164,9 +164,10 @@ def _():
     found, still, growing = classified("a bump, then 0"), all_errors()["a bump, then 0"], all_errors(True)["a bump, then 0"]
     counterexample = found.strongly_persistent and still.fading > 1e-2 and growing.fading > 1.0
     why = (
-        f"with definition 2 as printed, a bump followed by u = 0 is in C_SP, and |e({END:g})| / |e(0)| = {still.fading:.3g} on "
-        f"example 1, {growing.fading:.3g} where x2' = {GROWTH:g} x2: V = e'S e falls, but S falls with it. Taken with iii) Psi "
-        ">= c(theta) I for large theta, which the proof uses tacitly, theorem 3 holds (next claim)"
+        "with definition 2 as printed, a bump followed by u = 0 is in C_SP (see 'definition 2 admits lost states'), and "
+        f"|e({END:g})| / |e(0)| = {still.fading:.3g} on example 1, {growing.fading:.3g} where x2' = {GROWTH:g} x2: V = e'S e "
+        "falls, but S falls with it. Taken with iii) Psi >= c(theta) I for large theta, which the proof uses tacitly, theorem "
+        "3 holds (next claim)"
     )
     return Statement(False if counterexample else None, growing.fading, why)
 

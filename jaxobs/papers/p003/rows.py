@@ -21,7 +21,7 @@ def _classify(name: str):
             holds = found.strongly_persistent and not found.locally_regular
         return Statement(holds, ours, found.why)
 
-    PAPER.claim(f"u = {name}: classify", "figure", printed=PRINTED.get(name, "not in the print"))(compute)
+    PAPER.claim(f"u = {name}: classify", "figure", printed=PRINTED.get(name, "(C_LR in C_SP, remark 2)"))(compute)
 
 
 def _observers(name: str):
@@ -34,13 +34,13 @@ def _observers(name: str):
         ours = f"(7) {errors.constant:.2g}, (12) {errors.scaled:.2g}, (25) {errors.fading:.2g}"
         why = (
             f"|e({END:g})| / |e(0)| on example 1 at theta = {THETA:g}; with x2' = {GROWTH:g} x2: (7) {growing.constant:.2g}, "
-            f"(12) {growing.scaled:.2g}, (25) {growing.fading:.2g}. "
-            f"Proposition 1 {'allows' if found.constant_gain else 'does not cover'} the constant gain; conditions i) to iii) "
+            f"(12) {growing.scaled:.2g}, (25) {growing.fading:.2g}. Proposition 1 "
+            f"{'allows' if found.constant_gain else 'does not cover'} the constant gain; conditions i) to iii) "
             f"{'hold' if found.persistent else 'do not all hold'} on the grid"
         )
         return Statement(predicted and same, ours, why)
 
-    PAPER.claim(f"u = {name}: three observers", "figure", printed="not in the print", long=True)(compute)
+    PAPER.claim(f"u = {name}: three observers", "figure", printed="(as proposition 1, theorem 3 say)", long=True)(compute)
 
 
 for _name in INPUTS:

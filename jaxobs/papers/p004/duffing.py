@@ -1,6 +1,7 @@
 """Section VI, example 1: the Duffing oscillator."""
 
 import functools
+import math
 from fractions import Fraction
 
 import jax
@@ -66,12 +67,16 @@ def audited() -> Audit:
     return audit(duffing_model(), np.asarray(DUFFING_GAIN))
 
 
-@PAPER.claim("Ex. 1 h_1", "identity", printed="h_1 = 2 z_1")
+@PAPER.claim("Ex. 1 h_1", "value", printed="4")
 def _():
+    """At z_1 = 2, where h_1 = 2 z_1 as printed is 4."""
     slope = float(jax.grad(lambda x: ForcedDuffing().f(x)[0])(jnp.asarray([2.0, 0.0]))[0])
     low = float(2 * np.min(duffing_from_rest()[1][:, 0]))
-    why = f"f = x1^3 has the slope 3 z1^2: at z1 = 2 it is {slope:g}, not 4."
-    return Statement(slope == 4, slope, f"{why} The printed bounds are those of 3 z1^2; 2 z1 falls to {low:.2f}")
+    why = (
+        f"at z1 = 2: h_1 = 2 z1 as printed is 4, but f = x1^3 has the slope 3 z1^2 = {slope:g}. The printed bounds are those "
+        f"of 3 z1^2; 2 z1 falls to {low:.2f}"
+    )
+    return Value(slope, why)
 
 
 @PAPER.claim("Ex. 1 lower bound of h_1", "bound", printed="0")
@@ -96,8 +101,8 @@ def _():
     _, x = duffing_from_rest(60.0, 0.001)
     rest = float(np.max(3 * x[:, 0] ** 2))
     why = (
-        f"a maximum over samples of one run, and no bound even there: between the samples the same run reaches {rest:.4f}. "
-        "Other starts reach more, and z(t) lies between x and an estimate that depends on L"
+        f"a maximum over samples of one run from rest, which reaches {rest:.4f} between the samples. A start beyond |x1| = "
+        f"{math.sqrt(DUFFING_SLOPE / 3):.3f} exceeds it at once, and z(t) lies between x and an estimate that depends on L"
     )
     return Statement(rest <= DUFFING_SLOPE, rest, why)
 
@@ -125,6 +130,6 @@ def _():
 @PAPER.claim("Ex. 1 largest box of L", "feasible", printed="h_1 in [0, 45.86]")
 def _():
     found = largest_slope()
-    scaled = Fraction(found).limit_denominator(1000)
-    why = f"with the printed L (7) has a solution on [0, {float(scaled):.3f}] and none on [0, {found + 1e-3:.3f}], both exactly"
+    low, high = math.floor(found * 1000) / 1000, math.ceil((found + 1e-3) * 1000) / 1000
+    why = f"with the printed L (7) has a solution on [0, {low:.3f}] and none on [0, {high:.3f}], both exactly"
     return Point(found >= DUFFING_SLOPE, found, why)

@@ -64,19 +64,19 @@ def picture(name: str, title: str, start, make) -> Picture:
     return Picture(name, f"{title}. {STARTS.format(start)} (ours; none is printed), without noise", tuple(panels))
 
 
-def fig1() -> Picture:
-    return picture("fig1", "Figure 1: the error of the Duffing observer, example 1", DUFFING_START, duffing_run)
+def figure1() -> Picture:
+    return picture("004_figure1", "Figure 1: the error of the Duffing observer, example 1", DUFFING_START, duffing_run)
 
 
-def fig2() -> Picture:
-    return picture("fig2", "Figure 2: the error of the flexible joint observer, example 2", JOINT_START, joint_run)
+def figure2() -> Picture:
+    return picture("004_figure2", "Figure 2: the error of the flexible joint observer, example 2", JOINT_START, joint_run)
 
 
-def fig3() -> Picture:
-    return picture("fig3", "Figure 3: the error of the discrete Lorenz observer, example 3", LORENZ_START, lorenz_run)
+def figure3() -> Picture:
+    return picture("004_figure3", "Figure 3: the error of the discrete Lorenz observer, example 3", LORENZ_START, lorenz_run)
 
 
-PICTURES = (fig1, fig2, fig3)
+PICTURES = (figure1, figure2, figure3)
 
 
 def statement(make, least: float) -> Statement:

@@ -9,7 +9,7 @@ from jaxobs._simulate import simulate
 from jaxobs.certificates import exact, routh
 from jaxobs.designs import Infeasible, corner_lmi
 from jaxobs.observers import Luenberger
-from jaxobs.papers.claims import Point, Statement
+from jaxobs.papers.claims import Point, Statement, Value
 from jaxobs.papers.p004.paper import JOINT_GAIN, PAPER, as_text, joint_model
 from jaxobs.plants import FlexibleJoint
 from jaxobs.signals import Sine
@@ -102,14 +102,18 @@ def _():
     )
 
 
-@PAPER.claim("Ex. 2 unit of b", "identity", printed="b = 4.6e-2 m")
+@PAPER.claim("Ex. 2 unit of b", "value", printed="0")
 def _():
+    """The power of the second in the unit of b: b = 4.6e-2 m is printed."""
     kg, m, s = np.eye(3)
     torque, speed = kg + 2 * m - 2 * s, -s
     friction = torque - speed  # b omega is a torque
-    same = bool(np.all(friction == m))
-    powers = "kg m^2 / s, that is N m s"
-    return Statement(same, powers, "b multiplies an angular velocity to a torque; the number 4.6e-2 is used as it is")
+    powers = " ".join(f"{name}^{power:g}" for name, power in zip(("kg", "m", "s"), friction, strict=True))
+    why = (
+        f"power of the second: the unit is printed as m, but b multiplies an angular velocity to a torque, so it is {powers}, "
+        "that is N m s; the number 4.6e-2 is used as it is"
+    )
+    return Value(float(friction[2]), why)
 
 
 @PAPER.claim("Ex. 2 bounds", "universal", printed="h_11 and h_13 bounded")
@@ -152,5 +156,9 @@ def _():
 @PAPER.claim("Ex. 2 convergence without a bound on h", "universal", printed="guaranteeing the exponential convergence")
 def _():
     slope = first_unstable_slope()
-    why = f"with no bound on d stated: at the constant twist with 3 d^2 = {slope:.3f} the error grows (exact Routh test)"
-    return Statement(is_frozen_stable(slope), slope, why + "; with |d| bounded as in the row above it converges")
+    why = (
+        f"h is assumed bounded, but no bound on d = theta_l - theta_m is printed: open. One is needed: at the constant twist "
+        f"with 3 d^2 = {slope:.3f} the error grows (exact Routh test: {'stable' if is_frozen_stable(slope) else 'unstable'}); "
+        "with |d| bounded as in 'Ex. 2 L satisfies (12)' it converges"
+    )
+    return Statement(None, slope, why)
