@@ -26,10 +26,10 @@ def diagonal_ratios(alphas: Float[Array, " N"]) -> Float[Array, " N"]:
 
 
 def metric_rate(alphas: Float[Array, " N"]) -> Scalar:
-    """1 / lambda_n of (28), the largest one: l~ = lambda_min(P~^-1/2 Q~ P~^-1/2), so that Q >= gamma l~ P with equality
-    somewhere.
+    """l~ = lambda_min(P~^-1/2 Q~ P~^-1/2), without unit: the supremum of 1 / lambda_n in (28).
 
-    Hence lambda_min(P^-1/2 Q P^-1/2) = gamma l~ exactly, which is (31).
+    Q >= gamma l~ P with equality somewhere; hence lambda_min(P^-1/2 Q P^-1/2) = gamma l~ exactly, which is (31). alphas (N,)
+    with (10). Source: paper 000, (28), (31).
     """
     root = jnp.sqrt(hurwitz.q_from_alphas(alphas))
     return 1 / jnp.linalg.eigvalsh(linalg.chain_riccati(alphas) / (root[:, None] * root[None, :]))[-1]
@@ -94,10 +94,10 @@ def growth(alphas: Float[Array, " N"], ratio: Scalar) -> Scalar:
 
 
 def initial_energy(alphas: Float[Array, " N"], gamma: Scalar, reach: Float[Array, " n"]) -> Scalar:
-    """The largest V(0) = e(0)'P^-1 e(0) over all initial errors |x_j - xhat_j| <= reach_j: at a corner of that box, all are
-    tried.
+    """max V(0) = e(0)'P^-1 e(0) over all initial errors |x_j - xhat_j| <= reach_j: V is convex, so at a corner of the box.
 
-    The errors of the q integrators are zero at the start (the bounded form starts its eps at 0).
+    All corners are tried. The errors of the q = N - n integrators are zero at the start (the bounded form starts its eps at 0).
+    alphas (N,) with (10), gamma [1/s], reach (n,) in the units of the states. Source: the right side of paper 000, (33).
     """
     n, size = reach.shape[0], alphas.shape[0]
     signs = 1 - 2 * ((np.arange(2 ** (n - 1))[:, None] >> np.arange(n)[None, :]) & 1)
@@ -128,7 +128,13 @@ def shannon_period(bandwidth: Scalar) -> Scalar:
 
 
 def bandwidth(x: Float[Array, " T"], dt: Scalar, share: float = 0.99) -> Scalar:
-    """The frequency [rad/s] below which a record has this share of its power about the mean, by its Hann-windowed spectrum."""
+    """The frequency [rad/s] below which a record has this share of its power about the mean, by its Hann-windowed spectrum:
+
+        min {omega_k: sum_{j<=k} |X_j|^2 >= share sum_j |X_j|^2},      X = rfft(w (x - mean x)),   omega_k = 2 pi k / (T dt).
+
+    x (T,), dt [s], share in ]0, 1]; none of them is checked. Source: paper 000 asks for a bandwidth (the remark on Shannon's
+    theorem at the end of its example) and defines none: share and window are ours (the window: Harris, 1978).
+    """
     count = x.shape[0]
     window = jnp.asarray(np.hanning(count), x.dtype)
     power = jnp.abs(jnp.fft.rfft((x - jnp.mean(x)) * window)) ** 2

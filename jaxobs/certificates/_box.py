@@ -63,6 +63,18 @@ def problem(box: Box, points: Sequence[tuple[float, ...]]) -> str | None:
     return None
 
 
+def parts(box: Box) -> tuple[exact.Matrix, list[exact.Matrix], list[list[float]]]:
+    """(F_0, the F_k, the ends of every parameter) of F(rho) = F_0 + sum_k rho_k F_k; tied channels are one parameter."""
+    tied, b, c = box.tied or tuple(range(len(box.lower))), exact.matrix(box.b), exact.matrix(box.c)
+    names, n = list(dict.fromkeys(tied)), len(box.a)
+    slopes = []
+    for name in names:
+        own = [k for k, other in enumerate(tied) if other == name]
+        slopes.append([[sum((b[i][k] * c[k][j] for k in own), Fraction(0)) for j in range(n)] for i in range(n)])
+    ends = [sorted({box.lower[tied.index(name)], box.upper[tied.index(name)]}) for name in names]
+    return closed(box, [0.0] * len(tied)), slopes, ends
+
+
 def closed(box: Box, rho: Sequence[float]) -> exact.Matrix:
     """F(rho) = a + b diag(rho) c - L output."""
     weighted = [[Fraction(x) * entry for entry in row] for x, row in zip(rho, exact.matrix(box.c), strict=True)]

@@ -29,6 +29,18 @@ def vertices(lower: Sequence[float], upper: Sequence[float], j0: int, sigma: flo
         yield [Fraction(0)] * (n - j0) + [psi / s ** (j0 - k) for k, psi in enumerate(corner)]
 
 
+def slopes(
+    lower: Sequence[float], upper: Sequence[float], j0: int, sigma: float, p: exact.Matrix
+) -> tuple[list[exact.Matrix], list[list[float]]]:
+    """What psi_i of the last j0 slopes adds to -(F'P + P F) at the scale sigma, a unit of it, and the two ends of psi_i."""
+    n, s = len(p), Fraction(sigma)
+    matrices = []
+    for k in range(n - j0, n):  # psi_k e_n e_k' / sigma^{n-k}
+        pb = [-row[-1] / s ** (n - k) for row in p]
+        matrices.append([[(j == k) * pb[i] + (i == k) * pb[j] for j in range(n)] for i in range(n)])
+    return matrices, [sorted({lo, hi}) for lo, hi in zip(lower[n - j0 :], upper[n - j0 :], strict=True)]
+
+
 def error_matrix(k: Sequence[Fraction], row: Sequence[Fraction]) -> exact.Matrix:
     """A + B psi' - K C of (22)-(23): A the shift, B = e_n, C = e_1'."""
     n = len(k)

@@ -29,11 +29,15 @@ def enclose(matrix: exact.Matrix) -> Ball:
 
 
 def multiply(x: Ball, y: Ball) -> Ball:
-    """X Y: |X Y - x y| <= |x| r_y + r_x |y| + r_x r_y, and less than one unit an entry for rounding down."""
+    """X Y: |X Y - x y| <= |x| r_y + r_x |y| + r_x r_y, and less than one unit an entry for rounding down. OverflowError when it
+    is too large to go on with."""
     columns = list(zip(*y.middle, strict=True))
     middle = [[sum(a * b for a, b in zip(row, column, strict=True)) >> BITS for column in columns] for row in x.middle]
     spread = x.norm * y.radius + x.radius * y.norm + x.radius * y.radius
-    return Ball(middle, (spread >> BITS) + 1 + len(middle))
+    result = Ball(middle, (spread >> BITS) + 1 + len(middle))
+    if max(result.norm, result.radius).bit_length() > LARGEST:
+        raise OverflowError(f"a product or its rounding is beyond 2^{LARGEST - BITS}")
+    return result
 
 
 def power(x: Ball, exponent: int) -> Ball:
@@ -61,8 +65,6 @@ def exponential(matrix: exact.Matrix, time: Fraction) -> Ball:
     total = Ball(total.middle, total.radius + term.norm + term.radius)
     for _ in range(squarings):
         total = multiply(total, total)
-        if total.norm.bit_length() > LARGEST:
-            raise OverflowError(f"e^(M t) is beyond 2^{LARGEST - BITS}")
     return total
 
 
@@ -75,8 +77,8 @@ def balanced(matrices: Sequence[exact.Matrix]) -> list[exact.Matrix]:
     for i in list(range(n)) * 10:
         row = sum(size[i][j] * 2.0 ** (d[j] - d[i]) for j in range(n) if j != i)
         column = sum(size[j][i] * 2.0 ** (d[i] - d[j]) for j in range(n) if j != i)
-        if row > 0 and column > 0:
-            d[i] += round(math.log2(row / column) / 2)
+        if 0 < row < math.inf and 0 < column < math.inf:
+            d[i] += round((math.log2(row) - math.log2(column)) / 2)
     return [[[m[i][j] * Fraction(2) ** (d[j] - d[i]) for j in range(n)] for i in range(n)] for m in matrices]
 
 

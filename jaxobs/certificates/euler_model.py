@@ -82,6 +82,10 @@ class EulerModel(AbstractCertificate):
                 [exact.zeros(r, size), exact.transpose(xm), exact.scale(epsilon, exact.identity(r))],
             ]
         )
+        try:
+            exact.require_short(exact.work(exact.bits(whole), len(whole)))
+        except exact.TooLong as error:
+            return Verdict(False, {}, f"not certified: {error}")
         if not exact.is_positive_definite(whole):
             return Verdict(False, {}, "not certified: the matrix of (62) is not positive definite")
         return Verdict(True, {"decay_factor": self.factor}, "inequality (62) holds, in exact arithmetic")

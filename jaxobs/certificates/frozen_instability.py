@@ -8,6 +8,9 @@ from jaxobs.certificates.base import AbstractCertificate, FloatMatrix, Verdict
 from jaxobs.certificates.routh import Count, frozen
 
 
+LONGEST = 1536  # binary digits of F(rho): a hostile file could otherwise keep the check busy
+
+
 @dataclasses.dataclass(frozen=True)
 class FrozenInstability(AbstractCertificate):
     """For e' = F(rho) e (step = 1: e+ = F(rho) e) with F(rho) = a + sum_k rho_k b_k c_k' - L output, at the stored constant rho
@@ -52,6 +55,8 @@ class FrozenInstability(AbstractCertificate):
         problem = _box.problem(self, [self.rho])
         if problem:
             return Verdict(False, {}, f"not shown: {problem}")
+        if exact.bits(self.matrix()) > LONGEST:
+            return Verdict(False, {}, f"not shown: F(rho) has more than {LONGEST} binary digits")
         count = self.count()
         margins = {"outside": float(count.outside), "border": float(count.border)}
         where = "outside the unit circle" if self.step else "in the open right half plane"

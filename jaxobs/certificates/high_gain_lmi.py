@@ -62,10 +62,16 @@ class HighGainLmi(AbstractCertificate):
         ):
             return Verdict(False, {}, f"not certified: 0 < P < nu I fails for nu = {self.nu:.9g}")
         scaled = chain.scaled_gain(self.gain, self.theta)
-        for row in chain.vertices(self.lower, self.upper, self.j0, self.sigma):
-            if not exact.is_positive_definite(chain.decrease(chain.error_matrix(scaled, row), p, lam)):
-                corner = [exact.to_float(psi) for psi in row[len(row) - self.j0 :]]
-                return Verdict(False, {}, f"not certified: (31) fails at the corner psi = {corner} for lam = {self.lam:.9g}")
+        start = chain.decrease(chain.error_matrix(scaled, [Fraction(0)] * len(p)), p, lam)
+        try:
+            _, corners = exact.at_corners(start, *chain.slopes(self.lower, self.upper, self.j0, self.sigma, p))
+        except exact.TooLong as error:
+            return Verdict(False, {}, f"not certified: {error}")
+        for psi, matrix in corners:
+            if not exact.is_positive_definite(matrix):
+                return Verdict(
+                    False, {}, f"not certified: (31) fails at the corner psi = {list(psi)} (before scaling) for lam = {self.lam:.9g}"
+                )
         margins = {"decay_rate": exact.to_float(chain.rate(theta, self.j0, k, lam, nu))}
         if not theta ** (1 + self.j0) * lam > 2 * k * nu:
             return Verdict(False, margins, "not certified: theta^{1+j0} > 2 k nu / lam fails, (32)")

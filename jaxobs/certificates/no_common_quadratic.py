@@ -3,9 +3,12 @@
 import dataclasses
 from typing import ClassVar
 
-from jaxobs.certificates import _box
+from jaxobs.certificates import _box, exact
 from jaxobs.certificates.base import AbstractCertificate, FloatMatrix, Verdict
 from jaxobs.certificates.common_quadratic import common_quadratic
+
+
+LONGEST = 768  # binary digits of an F(rho): a hostile file could otherwise keep the check busy
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +37,10 @@ class NoCommonQuadratic(AbstractCertificate):
 
     @property
     def claim(self) -> str:
-        return f"with the gain L = {self.gain!r} no quadratic Lyapunov function serves all of the parameters {self.points!r}"
+        return (
+            f"with the gain L = {self.gain!r} no quadratic Lyapunov function decreases strictly "
+            f"at all of the parameters {self.points!r}"
+        )
 
     @property
     def assumptions(self) -> tuple[str, ...]:
@@ -46,7 +52,10 @@ class NoCommonQuadratic(AbstractCertificate):
             problem = f"{len(self.a)} states and {len(self.points)} points: expected 2 states and 1 to 3 points"
         if problem:
             return Verdict(False, {}, f"not shown: {problem}")
-        decision = common_quadratic([_box.closed(self, rho) for rho in self.points], step=bool(self.step))
+        matrices = [_box.closed(self, rho) for rho in self.points]
+        if max(map(exact.bits, matrices)) > LONGEST:
+            return Verdict(False, {}, f"not shown: an F(rho) has more than {LONGEST} binary digits")
+        decision = common_quadratic(matrices, step=bool(self.step))
         if decision.exists:
             return Verdict(False, {}, "not shown: the points share a quadratic Lyapunov function")
         return Verdict(True, {}, "the points share no quadratic Lyapunov function, in exact arithmetic")

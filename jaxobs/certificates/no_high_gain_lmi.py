@@ -53,6 +53,10 @@ class NoHighGainLmi(AbstractCertificate):
         n = len(self.lower)
         gain = [Fraction(x) for x in self.gain] or [Fraction(0)] * n
         rows = exact.matrix(self.multipliers)
+        try:
+            exact.require_short(exact.work(exact.bits(rows), n, len(rows) // n))
+        except exact.TooLong as error:
+            return Verdict(False, {}, f"not certified: {error}")
         total, mass = exact.zeros(n, n), Fraction(0)
         for c, corner in enumerate(chain.vertices(self.lower, self.upper, self.j0, self.theta)):
             x = rows[c * n : (c + 1) * n]

@@ -68,6 +68,10 @@ class SLemma(AbstractCertificate):
         load = exact.add(exact.scale(2 * Fraction(self.rate), x), exact.scale(tau, exact.product(exact.transpose(n), n)))
         decrease = exact.scale(Fraction(-1), exact.add(exact.add(xk, exact.transpose(xk)), load))
         whole = exact.block([[decrease, xm], [exact.transpose(xm), exact.scale(tau, exact.identity(len(m[0])))]])
+        try:
+            exact.require_short(exact.work(exact.bits(whole), len(whole)))
+        except exact.TooLong as error:
+            return Verdict(False, {}, f"not certified: {error}")
         if not exact.is_positive_definite(whole):
             return Verdict(False, {}, "not certified: the matrix of the S-lemma is not positive definite")
         return Verdict(True, {"decay_rate": self.rate}, "the inequality of the S-lemma holds, in exact arithmetic")

@@ -87,5 +87,5 @@ class SwitchingInstability(AbstractCertificate):
         for rho, time in zip(self.points, self.durations, strict=True):
             size = max(sum(abs(entry) for entry in row) for row in _box.closed(self, rho)) * Fraction(time)
             if not self.step and size > LARGEST_EXPONENT:
-                return f"|F| t = {float(size):.3g} is more than {LARGEST_EXPONENT:.3g}: give shorter segments"
+                return f"|F| t = {exact.to_float(size):.3g} is more than {LARGEST_EXPONENT:.3g}: give shorter segments"
         return None

@@ -3,7 +3,6 @@
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterator
 from fractions import Fraction
 from typing import ClassVar
 
@@ -67,22 +66,30 @@ class TriangularGain(AbstractCertificate):
                 w, beta = Fraction(self.weights[i][j]), Fraction(self.slopes[i][j]) * theta ** (j - i)
                 rest = [[rest[k][m] - beta * w * p[k][i] * p[m][i] for m in range(n)] for k in range(n)]
                 rest[j][j] -= beta / w
-        for corner, m in self._closed(theta):
+
+        def decrease(m: exact.Matrix) -> exact.Matrix:
             pm = exact.product(p, m)
-            decrease = exact.subtract(rest, exact.add(pm, exact.transpose(pm)))
-            if not exact.is_positive_definite(decrease):
+            return exact.scale(Fraction(-1), exact.add(pm, exact.transpose(pm)))
+
+        injection, couplings = self._parts(theta)
+        ends = [sorted({lo, hi}) for lo, hi in zip(self.lower, self.upper, strict=True)]
+        try:
+            _, corners = exact.at_corners(exact.add(rest, decrease(injection)), [decrease(m) for m in couplings], ends)
+        except exact.TooLong as error:
+            return Verdict(False, {}, f"not certified: {error}")
+        for corner, matrix in corners:
+            if not exact.is_positive_definite(matrix):
                 return Verdict(False, {}, f"not certified: the inequality fails at the corner a = {corner}")
         return Verdict(True, {"decay_rate": self.rate}, "all corner inequalities hold, in exact arithmetic")
 
-    def _closed(self, theta: Fraction) -> Iterator[tuple[tuple[float, ...], exact.Matrix]]:
+    def _parts(self, theta: Fraction) -> tuple[exact.Matrix, list[exact.Matrix]]:
+        """M(a) = the first + sum_i a_i (the i-th of the others)."""
         n = len(self.gain)
-        for corner in itertools.product(*(sorted({lo, hi}) for lo, hi in zip(self.lower, self.upper, strict=True))):
-            m = exact.zeros(n, n)
-            for i, a in enumerate(corner):
-                m[i][i + 1] = theta * Fraction(a)
-            for i, gain in enumerate(self.gain):
-                m[i][0] -= Fraction(gain) * theta**-i
-            yield corner, m
+        injection = [[-Fraction(gain) * theta**-i if j == 0 else Fraction(0) for j in range(n)] for i, gain in enumerate(self.gain)]
+        couplings = [exact.zeros(n, n) for _ in range(n - 1)]
+        for i, m in enumerate(couplings):
+            m[i][i + 1] = theta
+        return injection, couplings
 
     def _malformed(self) -> str | None:
         n = len(self.gain)

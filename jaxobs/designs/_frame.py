@@ -102,7 +102,9 @@ def frame(model: Polytope, *, step: bool = False, gain: np.ndarray | None = None
         largest = largest + np.abs(gain @ model.output)
     _, (scales, _) = scipy.linalg.matrix_balance(largest, permute=False, separate=True)
     t = np.diag(scales)
-    speed = max(float(np.linalg.norm(np.linalg.solve(t, largest @ t), 2)), 1e-12)
+    speed = float(np.linalg.norm(np.linalg.solve(t, largest @ t), 2))
+    if speed < (1e-12 if step else 1e-290):
+        speed = 1.0  # nothing moves but what the gain moves: a unit of nothing would put every gain out of reach
     base = dataclasses.replace(model, a=shifted).in_coordinates(t).in_time(1 / speed)
     return Frame(base, t, speed, speed if step else 0.0)
 
@@ -141,4 +143,4 @@ def quietest(place: Frame, kappa: float, process: np.ndarray, weight: np.ndarray
 def in_frame(place: Frame, process: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The user's intensities, and the weight I on his error, in the coordinates and the time of the frame."""
     inverse = np.linalg.inv(place.t)
-    return inverse @ process @ inverse.T / place.speed, place.t.T @ place.t / place.speed, noise * place.speed
+    return inverse @ process @ inverse.T / place.speed, place.t.T @ place.t, noise * place.speed

@@ -84,7 +84,11 @@ def audit(model: Polytope, gain: Any, *, rate: float | None = None, step: bool =
     In this order: exact eigenvalue counts at constant parameters (Routh); if they are stable, one quadratic Lyapunov function
     for all corners at the decay `rate` (as in corner_lmi.prove); for n = 2, where the solver finds none, the exact decision
     whether there is one; with `search`, the worst periodic switching, and a rigorous proof where errors grow under it.
-    ValueError for a gain of the wrong shape or with numbers that are not finite.
+
+    rate [1/s] >= 0, or the factor a step in ]0, 1]. ValueError for a gain of the wrong shape or with numbers that are not
+    finite, and, where the constant parameters are stable, for a rate outside this range. Source: Gantmacher, The Theory of
+    Matrices, 1959, chapter XV (Routh); Boyd et al., Linear Matrix Inequalities in System and Control Theory, 1994, section 5.1
+    (one P); Liberzon, Switching in Systems and Control, 2003 (what each does and does not imply).
     """
     gain = np.asarray(gain, float)
     closed = model.closed(gain)

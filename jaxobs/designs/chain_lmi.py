@@ -50,6 +50,7 @@ def slope_bounds(owner: str, bounds: Any, n: int, *, around_zero: bool = True) -
 
 
 def require_index(owner: str, j0: Any, n: int) -> None:
+    """0 <= j0 <= n, an integer: how many of the last slopes are treated by corners. ValueError, naming owner.j0, otherwise."""
     require_integer(owner, "j0", j0, 0, "It counts the last slopes that are treated by corners.")
     if j0 > n:
         raise refuse(owner, "j0", j0, f"an integer from 0 to n = {n}", "j0 = n takes all slopes by corners (LPV/LMI).")
@@ -169,9 +170,12 @@ def smallest_theta(
 ) -> SmallestTheta:
     """The smallest theta = sigma >= 1 for (31)-(32), by bisection of  theta^{1+j0} lam*(theta) = 2 (k_j0 + rate theta^{j0}).
 
-    bounds (n, 2): of the slopes. gain K (n,): that one; none: the infimum over all K, not attained (K -> infinity). constant:
-    a k_j0, else the sharp k_j0(theta). rate [1/s]: V = ehat'P ehat is to decay like exp(-2 rate t). For j0 = n without a rate,
-    theta = 1 will do for the best K, and nothing is ever `refuted`.
+    bounds (n, 2): rows (lowest, highest) of the slopes, 2 <= n <= 10. gain K (n,): that one; none: the infimum over all K, not
+    attained (K -> infinity). constant: a k_j0, else the sharp k_j0(theta). rate [1/s] >= 0: V = ehat'P ehat is to decay like
+    exp(-2 rate t). For j0 = n without a rate, theta = 1 will do for the best K, and nothing is ever `refuted`.
+
+    ValueError for bounds of another shape, not finite or without 0, j0 outside 0..n, rate < 0 and a gain of another shape.
+    Source: paper 002, theorem 3.3, (30)-(32).
     """
     n = np.shape(bounds)[0] if np.ndim(bounds) == 2 else 2
     pairs = slope_bounds("smallest_theta", bounds, n)

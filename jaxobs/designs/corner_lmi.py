@@ -1,7 +1,12 @@
 """One gain and one quadratic Lyapunov function for all corners of a polytope, at a required rate: found, then proved.
 
 The inequalities are solved in coordinates in which the last P is the identity, from an easy rate to the required one (_frame,
-_climb); what comes out is accepted by the exact check alone.
+_climb); what comes out is accepted by the exact check alone. At every corner F_c = a + sum_k rho_k b_k c_k' - L output,
+
+    P > 0,      F_c'P + P F_c + 2 rate P < 0,      or for step models      F_c'P F_c < factor^2 P.
+
+Source: papers 002, (31) at j0 = n, and 004, (7), (12), (16); Boyd, El Ghaoui, Feron and Balakrishnan, Linear Matrix
+Inequalities in System and Control Theory, 1994, chapters 5 and 6 (polytopic inclusions) and section 7.2 (Y' = P L).
 """
 
 from typing import Any
@@ -21,8 +26,16 @@ REPEATS = 5  # of the search for the quietest gain, each in the coordinates of t
 def prove(
     model: Polytope, gain: np.ndarray, *, rate: float | None = None, step: bool = False, origin: str = "given"
 ) -> Corners | StepCorners:
-    """The certificate that a given gain (n, p) makes the error decay at `rate` [1/s] (default 0), or, for step models, by the
-    factor `rate` in ]0, 1] a step (default 1). Infeasible if no P proves it; its `best` is the largest rate that one does.
+    """The exact certificate that a given gain makes the error decay at `rate`: P > 0 with, at all corners F_c = A_c - L output,
+
+        F_c'P + P F_c + 2 rate P < 0,      or for step models      F_c'P F_c < rate^2 P.
+
+    gain L (n, p). rate [1/s] >= 0, 0 if not given; for step models the factor a step, in ]0, 1], 1 if not given. origin: where
+    the bounds come from, a sentence.
+
+    Infeasible if no P is found that passes the exact check; its `best` is the largest rate (the least factor) that the search
+    reached, None if none. ValueError for a gain of another shape and a rate outside these ranges. Source: papers 002, (31) at
+    j0 = n, and 004, (7), (12), (16); Boyd et al., 1994, section 5.1.
     """
     gain = np.asarray(gain, float)
     model.closed(gain)
@@ -46,11 +59,16 @@ def synthesise(
     noise: Any = None,
     origin: str = "given",
 ) -> tuple[np.ndarray, Corners | StepCorners]:
-    """A gain L (n, p) and the certificate that the error decays at `rate` (as in `prove`) for all parameters in the box.
+    """A gain L (n, p) and the certificate that the error decays at `rate` (as in `prove`) for all parameters in the box:
 
-    Among the gains that do it with one P, the smallest bound tr(P process) + tr(L'P L noise) on the error's variance E |e|^2
-    under white process and measurement noise of these intensities (n, n) and (p, p), identities if not given: the same P also
-    satisfies P G + G'P + I < 0. Infeasible, with the largest rate found, if no gain within reach has such a P.
+        min tr(P process) + tr(L'P L noise):   P > 0,   P F_c + F_c'P + 2 rate P < 0,   P F_c + F_c'P + I < 0 at all corners,
+
+    or for step models F_c'P F_c < rate^2 P and F_c'P F_c - P + I < 0; unknowns P and Y' = P L. The objective bounds the error's
+    variance E |e|^2 under white process and measurement noise of these intensities (n, n) and (p, p), identities if not given;
+    it is lowered in a few programs, each in the coordinates of the last P.
+
+    Infeasible, with the largest rate found, if no gain within reach has such a P. ValueError for a rate as in `prove`. Source:
+    papers 002, (31) at j0 = n, and 004, (7), (12), (16); Boyd et al., 1994, sections 5.1, 6.2 (output energy), 7.2 (Y' = P L).
     """
     rate = _checked("synthesise", rate, step)
     process, noise = (
@@ -87,8 +105,16 @@ def _proved(model, place, found, rate, step, origin) -> tuple[np.ndarray, Corner
 
 
 def largest_rate(model: Polytope, gain: np.ndarray | None = None, *, step: bool = False, rtol: float = 1e-4) -> float:
-    """The supremum of the rates [1/s] that one P proves for this gain, or for any gain within reach; infinite if a high gain
-    does them all. For step models the infimum of the factors a step. Negative rates (factors above 1) are answers too."""
+    """The supremum of the rates [1/s] that one P proves for this gain, or for any gain within reach:
+
+        sup {rate: some P > 0 has F_c'P + P F_c + 2 rate P < 0 at all corners F_c = A_c - L output},
+
+    and for step models the infimum of the factors a step with F_c'P F_c < factor^2 P. Infinite (0) if a high gain does them
+    all. Negative rates (factors above 1) are answers too; -inf (inf) if the search finds none. In floats, to rtol.
+
+    gain L (n, p), or None for any. ValueError for a gain of another shape. Source: as for `prove`; a generalised eigenvalue
+    problem, Boyd et al., 1994, section 5.1.
+    """
     if gain is not None:
         model.closed(gain)
     gain = None if gain is None else np.asarray(gain, float)

@@ -1,4 +1,8 @@
-"""A point of the box at which no gain can work: found in floats, proved in exact arithmetic, before anything is solved."""
+"""A point of the box at which no gain can work: found in floats, proved in exact arithmetic, before anything is solved.
+
+(A, C) is detectable exactly when rank [A - s I; C] = n for all s with Re s >= 0 (|s| >= 1 in discrete time).
+Source: Hautus, Indagationes Mathematicae 32 (1970) 448-455; the Popov-Belevitch-Hautus test, Kailath, Linear Systems, 1980.
+"""
 
 import dataclasses
 import itertools
@@ -44,8 +48,10 @@ def undetectable(model: Polytope, *, rate: float = 0.0, step: bool = False) -> U
 
         (A(rho) - s I) v = 0,   C v = 0,   v != 0.
 
-    None if the search finds none, which does not prove that there is none. Tried: all combinations of the ends, the middle and
-    zero of each parameter, then a local search from random starts, rounded to decimals and tested exactly.
+    rate [1/s], or the factor a step. None if the search finds none, which does not prove that there is none. Tried: all
+    combinations of the ends, the middle and zero of each parameter (the first 2048 of them; with more than 5 parameters, no
+    middle where the ends enclose zero), then a local search from random starts, rounded to decimals and tested exactly.
+    Source: Hautus, 1970 (the Popov-Belevitch-Hautus test).
     """
     limit = (rate if rate else 1.0) if step else rate
     for rho in _grid(model):

@@ -90,15 +90,20 @@ def derivatives(f: Sequence[Any], h: Any, states: Sequence[Any], u: Sequence[Seq
 def eliminate(
     system: AbstractFlowPlant | tuple[Sequence[Any], Any, Sequence[Any], Sequence[Any]], *, order: int | None = None
 ) -> Elimination:
-    """The state from the output's derivatives: Groebner bases of y^(k) = L_k(x, u, u', ...), k = 0..order, with all states but
-    one eliminated; of all relations for x_i that of the least degree in x_i, then that whose denominator has the least degree
-    on the trajectories (the fewest places where it vanishes), then that of the least total degree.
+    """The state from the output's derivatives: for each x_i a relation in (x_i, y, y', ..., u, u', ...) from the ideal of
+
+        y^(k) - L_k(x, u, u', ...),   k = 0..order,      L_0 = h,      L_{k+1} = dL_k/dx f + sum_r dL_k/du^(r) u^(r+1),
+
+    by Groebner bases with all states but one eliminated; of all relations for x_i that of the least degree in x_i, then that
+    whose denominator has the least degree on the trajectories (the fewest places where it vanishes), then that of the least
+    total degree.
 
     system: a plant with one output whose flow and h are polynomials (its numbers are taken exactly as the floats they are), or
     (f, h, states, inputs) in sympy. order: how many derivatives; None takes the smallest number, from n - 1 to 2 n, that makes
     every x_i rational. Groebner bases can take minutes: three states with products seen through an awkward output are near
-    the limit. ValueError if the derivatives do not determine some state (then no map of this order exists) and for what is not
-    polynomial; ImportError without sympy.
+    the limit. ValueError if the derivatives do not determine some state (then no map of this order exists), for what is not
+    polynomial, a plant with several outputs and an order that is no integer >= 0; ImportError without sympy. Source: paper 001,
+    (39); Cox, Little and O'Shea, Ideals, Varieties, and Algorithms, chapter 3 (elimination).
     """
     sympy = algebra()
     if isinstance(system, AbstractFlowPlant):

@@ -74,11 +74,16 @@ def euler_riccati(
 def euler_tied(
     plant: AbstractChain, *, dt: float, slope: NormBounded, q: int = 0, unit: float | None = None, factor: float = 1.0
 ) -> tuple[StepObserver, EulerModel]:
-    """(62) as printed: L = X^-1 C', for the X of the largest margin.
+    """(62) as printed: L = X^-1 C', so that X K = X + dt X A - C'C, for the X of the largest margin:
 
-    dt [s]. unit [s]: the errors of unit^{i-1} x_i are weighed alike; dt if not given, for gains that settle within a few
-    samples; longer units are slower and quieter. factor in ]0, 1]: also |e_k| <= c factor^k, with factor^2 X in the first
-    block. Infeasible, with the largest period in `best`.
+        [factor^2 X - epsilon N'N,  -(X + dt X A - C'C)',  0;  *,  X,  -dt X M;  0,  *,  epsilon I] > 0.
+
+    dt [s]. slope: M (n, r), N (s, n). q: integrators. unit [s]: the errors of unit^{i-1} x_i are weighed alike; dt if not
+    given, for gains that settle within a few samples; longer units are slower and quieter. factor in ]0, 1]: also |e_k| <= c
+    factor^k (the paper has 1).
+
+    Infeasible, with the largest period for factor = 1 in `best`. ValueError for a plant that is no chain or that changes with a
+    state outside `slope`, dt or unit <= 0, a factor outside ]0, 1]. Source: paper 000, (62).
     """
     return _designed("euler_tied", plant, dt, slope, q, unit, factor)
 
@@ -86,9 +91,12 @@ def euler_tied(
 def euler_free(
     plant: AbstractChain, *, dt: float, slope: NormBounded, q: int = 0, unit: float | None = None, factor: float = 1.0
 ) -> tuple[StepObserver, EulerModel]:
-    """(62) with the gain set free: X L is an unknown of its own in place of C', so every L that has some X is within reach.
+    """(62) with the gain set free, L = X^-1 Y: Y = X L (N, 1) is an unknown of its own in place of C',
 
-    Arguments and errors as for euler_tied.
+        [factor^2 X - epsilon N'N,  -(X + dt X A - Y C)',  0;  *,  X,  -dt X M;  0,  *,  epsilon I] > 0,
+
+    so every L that has some X is within reach. Arguments and errors as for euler_tied. Source: paper 000, (62), with the change
+    of variables of Boyd et al., Linear Matrix Inequalities in System and Control Theory, 1994, section 7.2.
     """
     return _designed("euler_free", plant, dt, slope, q, unit, factor)
 

@@ -108,6 +108,7 @@ def standard_high_gain(
 
 
 def require_chain(owner: str, plant: Any) -> None:
+    """x' = A x + B f(x, u), y = x_1 (paper 002, (6)): ValueError, naming owner.plant, unless it is an AbstractChain."""
     if not isinstance(plant, AbstractChain):
         fix = "Write it as a subclass of AbstractChain."
         raise refuse(owner, "plant", type(plant).__name__, "a plant in chain form, (6)", fix)

@@ -52,13 +52,24 @@ def ladder(
     gamma: float | None = None,
     q: int = 0,
 ) -> tuple[Rung, ...]:
-    """All rungs, from condition (5) to output injection, for the observer with gains alphas_i gamma^i.
+    """One V = e'X e for e' = (A - L C + B psi(t)') e, L_i = alphas_i gamma^i, behind q integrators, by what is known of psi:
 
-    alphas (n + q,). lipschitz: rho of phi. states: the numbers of the x_j that enter phi, if not all do. slopes: for each
-    state an interval (lower, upper) that holds dphi/dx_j. gamma [1/s]: where the certificates are made; for each rung 1.1
-    times its smallest one if not given (1 for output injection). A rung that fails there has no certificate: it never means
-    "unstable". ValueError for a phi that is seen to change with a state that is not named, and for slopes that a probe
-    refutes.
+        condition (5), or (44)     |psi| <= rho                      X = P(gamma)^-1
+        S-lemma, same P            |psi| <= rho                      X = P(gamma)^-1, with the best multiplier
+        S-lemma, free P            |psi| <= rho                      X free
+        structure                  the same, and psi_j = 0 for the x_j outside `states`
+        box corners                lower_j <= psi_j <= upper_j       X free
+        output injection           psi = 0: phi(y, u) is known       X free
+
+    alphas (n + q,), Hurwitz. lipschitz: rho of phi. states: the numbers of the x_j that enter phi, if not all do. slopes
+    (n, 2): for each state an interval (lower, upper) that holds dphi/dx_j. gamma [1/s]: where the certificates are made; for
+    each rung 1.1 times its smallest one if not given (1 for output injection). A rung that fails there has no certificate: it
+    never means "unstable".
+
+    ValueError for a plant that is no chain, a phi that is seen to change with a state that is not named, slopes that a probe
+    refutes, alphas of another number or not Hurwitz, lipschitz or gamma <= 0. Source: paper 000, (5), (44); Boyd et al., Linear
+    Matrix Inequalities in System and Control Theory, 1994, section 5.1 (S-lemma); papers 002, (31) at j0 = n, and 004, (7)
+    (corners); Krener and Isidori, 1983 (output injection).
     """
     require_integer("ladder", "q", q, 0, "It counts the integrators between innovation and injection.")
     require_plant("ladder", plant)
@@ -85,10 +96,14 @@ def ladder(
 
 
 def corners_gamma(*, alphas: Numbers, slopes: Numbers, q: int = 0) -> float | None:
-    """The infimum of the gamma for which one quadratic form decreases at all corners of the box of slopes; None if none is
-    found.
+    """The infimum of the gamma [1/s] for which one quadratic form decreases at all corners psi of the box of slopes:
 
-    Bisection between a gamma that is certified and one that is not; where the box holds 0 nothing is certified below it.
+        inf {gamma > 0: some P > 0 has (A - L C + B psi')'P + P (A - L C + B psi') < 0 at all psi},      L_i = alphas_i gamma^i.
+
+    alphas (n + q,), Hurwitz; slopes (n, 2): rows (lower, upper) of dphi/dx_j; q: integrators. Bisection, in floats, between a
+    gamma that is certified and one that is not; where the box holds 0 nothing is certified below it. 0 if 1e-12 still is, None
+    if none is found up to 1e12. ValueError for alphas of another number or not Hurwitz. Source: papers 002, (31) at j0 = n, and
+    004, (7); Boyd et al., 1994, section 5.1.
     """
     box = np.asarray(slopes, float)
     a = require_alphas("corners_gamma", alphas, len(box) + q)

@@ -62,7 +62,11 @@ def lemma1(lower: Numbers, upper: Numbers, *, rate: float | None = None) -> Lemm
 
 
 def chain_model(lower: np.ndarray, upper: np.ndarray) -> Polytope:
-    """e_i' = a_i e_{i+1} with a_i in [lower_i, upper_i], e_1 measured."""
+    """e_i' = a_i e_{i+1} (i < n), e_n' = 0, with a_i in [lower_i, upper_i] [1/s] and e_1 measured (paper 003, lemma 1, (6)).
+
+    lower, upper (n - 1,). ValueError, from Polytope: shapes that differ, numbers not finite, lower > upper, more than 12
+    couplings.
+    """
     n = len(lower) + 1
     return Polytope(np.zeros((n, n)), np.eye(n)[:, : n - 1], np.eye(n, k=1)[: n - 1], lower, upper, np.eye(1, n))
 
@@ -129,4 +133,5 @@ def bounds_of(lower: Numbers, upper: Numbers) -> tuple[np.ndarray, np.ndarray]:
 
 
 def as_tuples(array: np.ndarray) -> Any:
+    """An array of one axis or more as nested tuples of floats, the form that a certificate stores."""
     return tuple(as_tuples(row) if np.ndim(row) else float(row) for row in array)

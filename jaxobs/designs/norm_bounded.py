@@ -60,6 +60,7 @@ class NormBounded:
 
 
 def require_lipschitz(owner: str, rho: object) -> None:
+    """|phi(a, u) - phi(b, u)| <= rho |a - b| with 0 < rho < infinity: ValueError, naming owner.lipschitz, for any other rho."""
     if not (isinstance(rho, (int, float, np.number)) and np.isfinite(rho) and rho > 0):
         fix = "It bounds |phi(a, u) - phi(b, u)| / |a - b| over all a, b and u."
         raise refuse(owner, "lipschitz", repr(rho), "a positive number", fix)

@@ -69,7 +69,13 @@ def riccati(
 
 
 def riccati_gamma(*, alphas: Numbers, lipschitz: float) -> float:
-    """The infimum of the gamma for which condition (5), or (44) for n + q alphas, holds; infinite where (10) fails."""
+    """The infimum of the gamma [1/s] for which condition (5), or (44) for n + q alphas, holds; infinite where (10) fails:
+
+        inf {gamma > 0: rho < lambda_min(P^-1/2 Q P^-1/2) / (2 sqrt((P^-1)_NN lambda_max(P)))},      P = P(gamma).
+
+    alphas (N,), N = n + q; lipschitz: rho > 0, which is not checked here. ValueError for alphas that are not Hurwitz.
+    Source: paper 000, (5), (10), (44); the right side increases with gamma, so the root is found by Brent's method.
+    """
     a = require_alphas("riccati_gamma", alphas, np.size(alphas))
     if min(exact.chain_weights([Fraction(x) for x in a])) <= 0:
         return math.inf

@@ -6,6 +6,9 @@ e' = (A - L C + M F N) e with |F| <= 1: V = e'Xe decreases for all such F exactl
 
 With X = P(gamma)^-1, the metric of condition (5), only tau is sought; with X free it is the bounded real lemma, decided by the
 eigenvalues of a Hamiltonian matrix, and X is the solution of a Riccati equation. Neither needs a semidefinite program.
+
+Source: Boyd, El Ghaoui, Feron and Balakrishnan, Linear Matrix Inequalities in System and Control Theory, 1994, sections 2.6.3
+(S-procedure), 2.7.3 (bounded real lemma) and 5.1; the Hamiltonian test: Boyd, Balakrishnan and Kabamba, 1989.
 """
 
 from collections.abc import Callable
@@ -33,10 +36,17 @@ Solve = Callable[[np.ndarray, float, NormBounded, int, float], tuple[np.ndarray,
 def s_lemma(
     plant: AbstractChain, *, alphas: Numbers, slope: NormBounded, gamma: float | None = None, q: int = 0, rate: float = 0.0
 ) -> tuple[HighGain | IntegralHighGain, SLemma]:
-    """The observer with gains alphas_i gamma^i and a proof with the best X there is.
+    """The observer with L_i = alphas_i gamma^i, and X > 0, tau > 0 that prove |e(t)| <= sqrt(cond X) e^{-rate t} |e(0)|:
 
-    alphas (n + q,), Hurwitz. gamma [1/s], 1.1 times the smallest certified one if not given. rate [1/s]: proved as well.
-    Infeasible, with `smallest_gamma`, where no X will do.
+        [-K'X - X K - 2 rate X - tau N'N,  -X M;  -M'X,  tau I] > 0,      K = A - L C,
+
+    which some X and tau solve exactly when K + rate I is Hurwitz and |N (s - rate - K)^-1 M|_inf < 1.
+
+    slope: M (n, r) and N (s, n) of B dphi/dx = M F N, |F| <= 1. alphas (n + q,), Hurwitz. gamma [1/s], 1.1 times the smallest
+    certified one if not given. q: integrators between innovation and injection. rate [1/s] >= 0.
+
+    Infeasible, with `smallest_gamma`, where no X will do. ValueError for a plant that is no chain or that `slope` does not fit
+    (another n, or phi changes with a state outside N), alphas of another number or not Hurwitz, gamma <= 0. Source: Boyd et al., 1994, sections 2.6.3, 2.7.3, 5.1.
     """
     return _designed("s_lemma", plant, alphas, slope, gamma, q, rate)
 
@@ -44,17 +54,34 @@ def s_lemma(
 def s_lemma_riccati(
     plant: AbstractChain, *, alphas: Numbers, slope: NormBounded, gamma: float | None = None, q: int = 0, rate: float = 0.0
 ) -> tuple[HighGain | IntegralHighGain, SLemma]:
-    """The same with X = P(gamma)^-1 of condition (5); alphas have to satisfy (10). Arguments and errors as for s_lemma."""
+    """The inequality of s_lemma with X = P(gamma)^-1 of condition (5), and tau > 0 alone sought:
+
+        A P + P A' - P C'C P + Q = 0,      P(gamma) C' = (alphas_i gamma^i)      (paper 000, (6)).
+
+    Arguments and errors as for s_lemma; Infeasible, too, where alphas violate (10), which P > 0, Q > 0 need. Source: paper 000,
+    (6), (10); Boyd et al., 1994, section 2.6.3 (S-procedure).
+    """
     return _designed("s_lemma_riccati", plant, alphas, slope, gamma, q, rate)
 
 
 def s_lemma_gamma(*, alphas: Numbers, slope: NormBounded, q: int = 0) -> float:
-    """The infimum of the gamma that s_lemma certifies (rate 0): there the H-infinity norm of N (s - K)^-1 M is 1."""
+    """The infimum of the gamma [1/s] that s_lemma certifies at rate 0, by bisection in log gamma:
+
+        inf {gamma > 0: K = A - L C Hurwitz, |N (s - K)^-1 M|_inf < 1},      L_i = alphas_i gamma^i.
+
+    alphas (n + q,); slope: M (n, r), N (s, n) of a chain, M F N = B dphi/dx. ValueError for alphas of another number or not
+    Hurwitz. Source: Boyd et al., 1994, section 2.7.3; Boyd, Balakrishnan and Kabamba, 1989.
+    """
     return _smallest("s_lemma", require_alphas("s_lemma_gamma", alphas, slope.n + q), slope, q)
 
 
 def s_lemma_riccati_gamma(*, alphas: Numbers, slope: NormBounded, q: int = 0) -> float:
-    """The infimum of the gamma that s_lemma_riccati certifies (rate 0)."""
+    """The infimum of the gamma [1/s] that s_lemma_riccati certifies at rate 0, by bisection in log gamma: with X = P(gamma)^-1
+
+        inf {gamma > 0: [-K'X - X K - tau N'N,  -X M;  -M'X,  tau I] > 0 for some tau > 0}.
+
+    Arguments, errors and source as for s_lemma_gamma; Infeasible where alphas violate (10).
+    """
     return _smallest("s_lemma_riccati", require_alphas("s_lemma_riccati_gamma", alphas, slope.n + q), slope, q)
 
 

@@ -101,7 +101,12 @@ Unknowns = Mapping[str, Unknown]
 
 
 def feasible(unknowns: Unknowns, lmis: Callable[..., Matrices]) -> Solution:
-    """Values with F_i >= t I for the largest common t. Normalise what is homogeneous: fix a trace, or add I - P > 0."""
+    """max t:   F_i(x) >= t I for all i,   |x_j| <= reach_j: values x with the largest common margin t.
+
+    unknowns: by name, from `symmetric`, `full`, `scalar`. lmis(**x): the symmetric F_i (k_i, k_i), affine in x (it is evaluated
+    at unit vectors; nothing checks that). Normalise what is homogeneous: fix a trace, or add I - P > 0. Nothing is raised where
+    there is no solution or the solvers fail: see `Solution`. Source: Boyd and Vandenberghe, Convex Optimization, section 11.4.
+    """
     constant, linear = _coefficients(unknowns, lmis)
     pushed = [np.concatenate([part, -np.eye(len(first))[None]]) for first, part in zip(constant, linear, strict=True)]
     size = linear[0].shape[0]
@@ -112,7 +117,11 @@ def feasible(unknowns: Unknowns, lmis: Callable[..., Matrices]) -> Solution:
 def optimise(
     unknowns: Unknowns, lmis: Callable[..., Matrices], *, maximise: Callable[..., Any], margin: float = 1e-8
 ) -> Solution:
-    """Values with F_i >= margin I that maximise an affine function of the unknowns."""
+    """max f(x):   F_i(x) >= margin I for all i,   |x_j| <= reach_j,   with f = maximise(**x), an affine number.
+
+    unknowns and lmis as for `feasible`; margin in the units of the F_i. Nothing is raised where there is no solution or the
+    solvers fail: see `Solution`. Source: Boyd and Vandenberghe, Convex Optimization, section 4.6.2.
+    """
     constant, linear = _coefficients(unknowns, lmis)
     start, slopes = _coefficients(unknowns, lambda **x: [np.reshape(maximise(**x), (1, 1))])
     shifted = [first - margin * np.eye(len(first)) for first in constant]

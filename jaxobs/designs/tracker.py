@@ -33,13 +33,21 @@ def fading_rate(sigma: float, dt: float) -> float:
 
 
 def transfer(n: int, q: int, i: int) -> list[int]:
-    """The numerator of Xhat_i / Y at mu = 1, constant term first; the denominator is (s + 1)^(n + q)."""
+    """The numerator of Xhat_i / Y at mu = 1: s^{i-1} sum_{j=0}^{n-i} C(N, j) s^j, over (s + 1)^N, N = n + q.
+
+    Its n integer coefficients, constant term first. At other rates s is counted in mu, and the whole is times mu^{i-1}.
+    ValueError unless n >= 1, q >= 0, 1 <= i <= n are integers. Source: paper 001, (3)-(4) in steady state.
+    """
     size = _size(n, q, i)
     return [0] * (i - 1) + [math.comb(size, j) for j in range(n - i + 1)]
 
 
 def lost(n: int, q: int, i: int) -> list[int]:
-    """The numerator of E_i / Y^(n) at mu = 1, constant term first; the denominator is (s + 1)^(n + q)."""
+    """The numerator of E_i / Y^(n) at mu = 1: -sum_{j=r}^{N} C(N, j) s^{j-r}, over (s + 1)^N, N = n + q, r = n - i + 1.
+
+    Its q + i integer coefficients, constant term first. At other rates s is counted in mu, and the whole is times mu^{-r}.
+    Errors and source as for `transfer`.
+    """
     size = _size(n, q, i)
     return [-math.comb(size, j) for j in range(n - i + 1, size + 1)]
 
@@ -70,7 +78,14 @@ class TrackerGains:
 
 
 def tracker_gains(n: int, q: int) -> TrackerGains:
-    """All gains of the tracker with n estimates and q integrators."""
+    """All gains of the tracker with n estimates and q integrators at mu = 1, i = 1..n:
+
+        bias C(N, r),   worst_bias int |g_i| dt,   white sqrt(int h_i^2 dt),   worst int |h_i| dt,   r = n - i + 1,
+
+    and the bandwidth; h_i, g_i: the impulse responses of Xhat_i / Y and E_i / Y^(n). Units and powers of mu: see `TrackerGains`.
+    ValueError unless n >= 1 and q >= 0 are integers. Source: paper 001, (3)-(4) in steady state; L1 and H2 norms: Boyd and
+    Barratt, Linear Controller Design, 1991, chapter 5.
+    """
     order = range(1, n + 1)
     size = _size(n, q, 1)
     return TrackerGains(
@@ -85,24 +100,40 @@ def tracker_gains(n: int, q: int) -> TrackerGains:
 
 
 def equal_bias(n: int, q: int, i: int) -> float:
-    """mu_q / mu_0 at which xhat_i has the bias that it has without integrators: [C(N, r) / C(n, r)]^{1/r}, r = n - i + 1."""
+    """mu_q / mu_0 at which xhat_i has the bias that it has without integrators: [C(N, r) / C(n, r)]^{1/r}, r = n - i + 1.
+
+    A number without unit; equal bias under a constant y^(n), C(N, r) mu_q^{-r} = C(n, r) mu_0^{-r}. Errors as for `transfer`.
+    """
     r = n - i + 1
     return (math.comb(_size(n, q, i), r) / math.comb(n, r)) ** (1 / r)
 
 
 def equal_bandwidth(n: int, q: int, i: int) -> float:
-    """mu_q / mu_0 at which xhat_i has the bandwidth that it has without integrators."""
+    """mu_q / mu_0 at which xhat_i has the bandwidth that it has without integrators: w_i(0) / w_i(q), w_i that of TrackerGains.
+
+    A number without unit: mu_q w_i(q) = mu_0 w_i(0). Errors as for `transfer`.
+    """
     return _bandwidth(n, 0, i) / _bandwidth(n, q, i)
 
 
 def relative_white(n: int, q: int, i: int, ratio: float = 1.0) -> float:
-    """rms error of xhat_i under white noise with q integrators at mu = ratio mu_0, over that with none at mu_0."""
+    """rms error of xhat_i under white noise with q integrators at mu = ratio mu_0, over that with none at mu_0:
+
+        white_i(q) / white_i(0) ratio^{i-1/2},      white_i that of TrackerGains, ratio > 0.
+
+    Without unit. Errors as for `transfer`.
+    """
     size = _size(n, q, i)
     return _h2(transfer(n, q, i), size) / _h2(transfer(n, 0, i), n) * ratio ** (i - 0.5)
 
 
 def relative_tone(n: int, q: int, i: int, omega: float, ratio: float = 1.0) -> float:
-    """Amplitude of a tone of frequency omega mu_0 in xhat_i, q integrators at ratio mu_0, over that with none at mu_0."""
+    """Amplitude of a tone of frequency omega mu_0 in xhat_i, q integrators at ratio mu_0, over that with none at mu_0:
+
+        |H_{i,q}(j omega / ratio)| / |H_{i,0}(j omega)| ratio^{i-1},      H = Xhat_i / Y at mu = 1, omega > 0, ratio > 0.
+
+    omega: one number, in units of mu_0. Without unit. Errors as for `transfer`.
+    """
     return float(response(n, q, i, np.asarray(omega / ratio)) / response(n, 0, i, np.asarray(omega))) * ratio ** (i - 1)
 
 

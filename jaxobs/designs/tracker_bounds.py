@@ -2,6 +2,9 @@
 
 N = n + q, H~ = H_inf at mu = 1, rho = 2 cos(pi / (N + 1)) (the largest eigenvalue of A~ + A~'; the paper takes sqrt(N) >= rho),
 G = H - H_inf. All matrices are inverted in coordinates scaled by diag(mu^i), where they are harmless.
+
+Arguments of all functions: n >= 1 estimates and q >= 0 integrators, mu > 0 [1/s], time t >= 0 [s], which are not checked, and
+start: H(0) > 0 as one number c for c I, N numbers for a diagonal, or a matrix (N, N); ValueError for any other.
 """
 
 import dataclasses
@@ -20,12 +23,19 @@ Start = float | Float[np.ndarray, "..."]
 
 
 def growth(n: int, q: int) -> float:
-    """rho = lambda_max(A~ + A~') = 2 cos(pi / (N + 1)): ||e^{A~ t}|| <= e^{rho t / 2}, and no smaller exponent will do."""
+    """rho = lambda_max(A~ + A~') = 2 cos(pi / (N + 1)) [1/s]: ||e^{A~ t}|| <= e^{rho t / 2}, and no smaller exponent will do.
+
+    Source: the logarithmic norm (Dahlquist, 1958); paper 001 uses sqrt(N) for it, before (28).
+    """
     return 2 * math.cos(math.pi / (n + q + 1))
 
 
 def start_over_steady(n: int, q: int, mu: float, start: Start) -> float:
-    """The largest theta with H(0) >= theta H_inf. theta >= 1 is what Theorem 1 uses: then H(t) >= H_inf for all t."""
+    """The largest theta with H(0) >= theta H_inf: lambda_min(H_inf^{-1/2} H(0) H_inf^{-1/2}), without unit.
+
+    theta >= 1 is what Theorem 1 uses: then H(t) >= H_inf for all t. ValueError for a start that is not positive definite or
+    of another shape. Source: paper 001, theorem 1 and (7).
+    """
     d = float(mu) ** np.arange(n + q)
     h0 = mu * np.outer(d, d) * _matrix(n, q, start)
     unit, root = _equilibrated(h0)
@@ -33,7 +43,12 @@ def start_over_steady(n: int, q: int, mu: float, start: Start) -> float:
 
 
 def transition(n: int, q: int, mu: float, start: Start, t: float) -> Float[np.ndarray, "N N"]:
-    """Phi(t) of eta' = (A~ - H^-1 C~'C~) eta, (24): H(t) Phi(t) = e^{-mu t} e^{-A~'t} H(0)."""
+    """Phi(t) (N, N) of eta' = (A~ - H^-1 C~'C~) eta, paper 001, (24), from H(0) = start; t [s]:
+
+        H(t) Phi(t) = e^{-mu t} e^{-A~'t} H(0),      H(t) = H_inf + e^{-mu t} e^{-A~'t} (H(0) - H_inf) e^{-A~t}.
+
+    ValueError for a start that is not positive definite or of another shape. Source: paper 001, (7); the first is ours.
+    """
     d, tau = float(mu) ** np.arange(n + q), mu * t
     steady = tracker_steady(n, q)
     scaled = mu * np.outer(d, d) * _matrix(n, q, start)
@@ -46,7 +61,10 @@ def transition(n: int, q: int, mu: float, start: Start, t: float) -> Float[np.nd
 
 
 def transition_steady(n: int, q: int, mu: float, t: float) -> Float[np.ndarray, "N N"]:
-    """The same from H(0) = H_inf: e^{(A~ - H_inf^-1 C~'C~) t} = H_inf^-1 e^{-mu t} e^{-A~'t} H_inf."""
+    """Phi(t) (N, N) from H(0) = H_inf: e^{(A~ - H_inf^-1 C~'C~) t} = H_inf^-1 e^{-mu t} e^{-A~'t} H_inf; t [s].
+
+    Nothing is raised. Source: paper 001, (11), from which H_inf (A~ - H_inf^-1 C~'C~) = -(mu I + A~') H_inf.
+    """
     d, h = float(mu) ** np.arange(n + q), tracker_steady(n, q)
     back = _back(n, q, mu * t)
     return math.exp(-mu * t) * np.linalg.solve(h, back.T @ h) * np.outer(d, 1 / d)
@@ -174,7 +192,9 @@ def theorem1(n: int, q: int, mu: float, start: Start) -> Theorem1:
 def disturbance(n: int, q: int, mu: float, start: Start, t: float) -> float:
     """2 ||H_inf^{1/2} (H_inf^-1 - H^-1) C~'C~ H_inf^{-1/2}||, (12): what the gain's transient takes from the rate mu, exactly.
 
-    It is a rank-one matrix: 2 |H_inf^{1/2} (K_inf - K)| |H_inf^{-1/2} C~'|, in scaled coordinates times mu.
+    It is a rank-one matrix: 2 |H_inf^{1/2} (K_inf - K)| |H_inf^{-1/2} C~'|, in scaled coordinates times mu. In 1/s, at the
+    time t [s] after the start. ValueError for a start that is not positive definite or of another shape. Source: paper 001,
+    (12).
     """
     d, tau = float(mu) ** np.arange(n + q), mu * t
     steady = tracker_steady(n, q)

@@ -2,12 +2,12 @@
 
 phi(s, t) is the transition matrix of x' = A(u) x. Two Gramians at time t (paper 003, (11) and (21)):
 
-    G(t, theta) = int_{t - 1/theta}^t phi(s,t)'C'C phi(s,t) ds,    Psi(t, theta) = int_0^t e^{-theta (t-s)} phi(s,t)'C'C
-    phi(s,t) ds.
+    G(t, theta)   = int_{t - 1/theta}^t phi(s,t)'C'C phi(s,t) ds,
+    Psi(t, theta) = int_0^t e^{-theta (t-s)} phi(s,t)'C'C phi(s,t) ds.
 
 phi is taken backwards from t by Gauss collocation at 5 nodes a panel, of order 10 (exact on chains of integrators with up to 5
-states), Psi is carried from panel to panel by QR array steps with the scale of each column kept as a
-logarithm, so that neither a small eigenvalue nor e^{-theta t} underflows.
+states), Psi is carried from panel to panel by QR array steps with the scale of each column kept as a logarithm, so that neither
+a small eigenvalue nor e^{-theta t} underflows.
 """
 
 import dataclasses
@@ -172,7 +172,14 @@ class Gramians:
 def fading_gramians(
     pair: Pair, grid: np.ndarray, thetas: np.ndarray, start: tuple[np.ndarray, np.ndarray] | None = None
 ) -> Gramians:
-    """Psi(t, theta) on the grid, t_0 = grid[0]: from zero there, or from the root `start` = (M, logs) of an earlier Gramian."""
+    """Psi(t, theta) on the grid, t_0 = grid[0]: from zero there, or from the root `start` of an earlier Gramian,
+
+        Psi(t) = e^{-theta (t-t_0)} phi(t_0,t)'Psi(t_0) phi(t_0,t) + int_{t_0}^t e^{-theta (t-s)} phi(s,t)'C'C phi(s,t) ds.
+
+    grid (k,) [s], increasing, one panel between two neighbours; thetas (r,) [1/s]; start: (M (r, n, n), logs (r, n)), where
+    Psi(t_0) = D M'M D, D = diag(e^logs). Returns the roots at all grid times, t_0 included. Nothing is checked. Source: paper
+    003, (21); the array step: Kailath, Sayed and Hassibi, Linear Estimation, 2000, chapter 12.
+    """
     ends, lengths = grid[1:], np.diff(grid)
     rows, through, ages = _panels(pair, ends, lengths)
     n, rates = through.shape[-1], len(thetas)
@@ -204,7 +211,11 @@ def _array_step(root, logs, through, fresh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def window_gramians(pair: Pair, times: np.ndarray, theta: float, breaks: np.ndarray, panels: int = 4) -> Gramians:
-    """G(t, theta) over the windows [t - 1/theta, t], cut at the breaks."""
+    """G(t, theta) = int_{t - 1/theta}^t phi(s,t)'C'C phi(s,t) ds, the windows cut at the breaks.
+
+    times (k,) [s]; theta [1/s], one number; breaks (b,) [s], any, () if none: those inside a window cut its `panels` equal
+    panels. Returns the roots for r = 1. Nothing is checked: the input is asked from t - 1/theta on. Source: paper 003, (11).
+    """
     even = times[:, None] - np.arange(panels + 1)[::-1] / (panels * theta)
     cuts = np.clip(np.broadcast_to(breaks, (len(times), len(breaks))), even[:, :1], even[:, -1:])
     edges = np.sort(np.concatenate([even, cuts], axis=1), axis=1)

@@ -47,11 +47,17 @@ def _jacobians(plant: Any, xs: Any, us: Any) -> tuple[Any, Any]:
 def structure(
     plant: AbstractFlowPlant, *, states: Box, inputs: Box | None = None, count: int = 256, seed: int = 0
 ) -> Structure:
-    """The pattern of dF/dx on `count` random points and the corners of the box of inputs (paper 003, (4)-(5)).
+    """The pattern of dF/dx on `count` random points and the corners of the box of inputs (paper 003, (4)-(5)):
 
-    states, inputs: (lowest, highest) of each, the latter connected and needed if m > 0. A coupling that takes both signs
-    vanishes in between, so some input hides the states behind it. Block triangular plants are judged by (5): the rank of each
-    dF_i/dx_{i+1}.
+        dF_i/dx_j = 0 for j > i + 1,      y = x_1,      dF_i/dx_{i+1} != 0 and of one sign.
+
+    states, inputs: (lowest, highest), each (n,) and (m,), in the units of x and u; the latter needed if m > 0. With more than
+    10 inputs only the lowest and the highest corner are taken; at the corners, too, x is random. count: random points, seed:
+    theirs. A coupling that takes both signs vanishes in between, so some input hides the states behind it. Block triangular
+    plants are judged by (5): the rank of each dF_i/dx_{i+1}. The flow is taken at t = 0.
+
+    ValueError for boxes of another size, not finite or with lowest > highest, and count < 1. Source: paper 003, (4)-(5);
+    Gauthier and Kupka, 1994 (observability for every input).
     """
     require_integer("structure", "count", count, 1, "It is the number of random points.")
     low, high = _box("states", states, plant.n)

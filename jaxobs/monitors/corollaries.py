@@ -27,7 +27,13 @@ class Envelope(NamedTuple):
 
 
 def innovation_energy(ts: Float[Array, " T"], innovation: Float[Array, "T p"]) -> Float[Array, " T"]:
-    """The integral of |y - C xhat|^2 from the first sample to each, by the trapezoidal rule."""
+    """int_{t_1}^{t_k} |y - C xhat|^2 dt by the trapezoidal rule, for every sample k:
+
+        E_1 = 0,      E_{k+1} = E_k + (t_{k+1} - t_k) (|r_k|^2 + |r_{k+1}|^2) / 2,      r = y - C xhat.
+
+    ts (T,) [s], increasing; innovation (T, p) in the units of y. Returns (T,), in those units squared times s. Nothing is
+    checked. Source: the second term of paper 000, (33).
+    """
     square = jnp.sum(innovation**2, axis=1)
     pieces = jnp.diff(ts) * (square[1:] + square[:-1]) / 2
     return jnp.concatenate([jnp.zeros_like(square[:1]), jnp.cumsum(pieces)])
@@ -47,6 +53,9 @@ def budget(
     Only the second term can be seen; it alone may not exceed the right side, taken at the worst initial error |e_j(0)| <=
     reach_j. The integral is that of the samples: leave it room for the trapezoidal rule, and none for noise, which has no
     budget.
+
+    ts (T,) [s], increasing, from the observer's start; innovation (T, 1) in the units of y; alphas (n,) with (10), gamma [1/s]
+    with (5); reach (n,) in the units of the states. Jittable, so no values are checked. Source: paper 000, corollary 1, (33).
     """
     spent = innovation_energy(ts, innovation) / chain_bounds.initial_energy(alphas, gamma, reach)
     return Budget(spent, *_judged(ts, spent <= 1))
@@ -67,6 +76,10 @@ def envelope(
         W(t) <= e^{-C_1 t/2} W(0) + (1 - e^{-C_1 t/2}) 2 c noise / C_1,     |y - xhat_1| <= sqrt(Z_{q+1,q+1}) W(t) + noise,
 
     c = |Z^-1/2 B|, W(0) at the worst initial error |x_j - xhat_j| <= reach_j. Infinite, and never broken, where (44) fails.
+
+    ts (T,) [s], increasing, from the observer's start; innovation (T, 1) and noise in the units of y; alphas (N,) with (10),
+    gamma [1/s]; lipschitz: rho of phi; reach (n,) in the units of the states. Jittable, so no values are checked. Source: paper
+    000, corollary 2, (44), (48).
     """
     q = alphas.shape[0] - reach.shape[0]
     rate = chain_bounds.decay_rate(alphas, gamma, lipschitz)

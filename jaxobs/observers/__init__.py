@@ -10,6 +10,7 @@ from jaxobs.observers.algebraic_maps import DuffingRational as DuffingRational
 from jaxobs.observers.algebraic_maps import DuffingRoot as DuffingRoot
 from jaxobs.observers.algebraic_maps import RationalMap as RationalMap
 from jaxobs.observers.base import AbstractFlowObserver as AbstractFlowObserver
+from jaxobs.observers.base import AbstractModelled as AbstractModelled
 from jaxobs.observers.base import AbstractObserver as AbstractObserver
 from jaxobs.observers.base import AbstractStepObserver as AbstractStepObserver
 from jaxobs.observers.base import Observer as Observer

@@ -32,6 +32,7 @@ def scaled_poles(alphas: Float[Array, " N"], gamma: Scalar) -> np.ndarray | None
 
 
 def require_chain(observer: Module, model: object) -> None:
+    """x' = A x + B phi(x, u), y = x_1: ValueError unless `model` is an AbstractChain."""
     fix = "Give a plant in chain form, write yours as a subclass, or use Luenberger."
     require_instance(observer, "model", model, AbstractChain, fix)
 

@@ -173,6 +173,10 @@ def with_derivatives(phi: AbstractAlgebraicMap, u: Input) -> Float[Array, "m r"]
 
 
 def check_parts(observer: Algebraic | DiscreteAlgebraic) -> None:
+    """What xhat = phi(etahat, u, u', ...) needs: tracker.n >= phi.order + 1, a model with one output, one float precision.
+
+    ValueError otherwise, and if phi is no AbstractAlgebraicMap.
+    """
     phi, tracker = observer.phi, observer.tracker
     fix = "e.g. jaxobs.observers.DuffingRoot(jaxobs.plants.Duffing()), or the map of jaxobs.designs.eliminate."
     require_instance(observer, "phi", phi, AbstractAlgebraicMap, fix)

@@ -7,6 +7,7 @@ import equinox as eqx
 from jaxtyping import Array, Float, Int
 
 from jaxobs._module import Module, Scalar
+from jaxobs.plants import AbstractPlant
 
 State = Any  # any pytree: xhat alone; xhat and integrators; xhat and S(t)
 Input = Float[Array, "m ..."]
@@ -30,6 +31,24 @@ class AbstractObserver(Module):
     @abc.abstractmethod
     def init(self, xhat0: Float[Array, " n"]) -> State:
         """The observer's state z that starts from the guess xhat0."""
+
+
+class AbstractModelled(Module):
+    """n, m and p are those of the observer's `model`: a mixin, before the kind of observer among the bases."""
+
+    model: eqx.AbstractVar[AbstractPlant]
+
+    @property
+    def n(self) -> int:
+        return self.model.n
+
+    @property
+    def m(self) -> int:
+        return self.model.m
+
+    @property
+    def p(self) -> int:
+        return self.model.p
 
 
 class AbstractFlowObserver(AbstractObserver):

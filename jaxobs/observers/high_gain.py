@@ -5,11 +5,11 @@ from jaxtyping import Array, Float
 
 from jaxobs._module import Scalar, param
 from jaxobs.observers._gains import check_gains, powers, require_chain, scaled_poles
-from jaxobs.observers.base import AbstractFlowObserver
+from jaxobs.observers.base import AbstractFlowObserver, AbstractModelled
 from jaxobs.plants import AbstractChain
 
 
-class HighGain(AbstractFlowObserver):
+class HighGain(AbstractModelled, AbstractFlowObserver):
     """z' = f(z, u) + diag(gamma^i) alphas (y - h(z)), estimate z (paper 000, (6) with (15)).
 
     model: a chain of n states. alphas (n,): a Hurwitz polynomial. gamma [1/s]: gain scale. ValueError for anything else.
@@ -18,19 +18,10 @@ class HighGain(AbstractFlowObserver):
     model: AbstractChain
     alphas: Float[Array, " n"] = param()
     gamma: Scalar = param()
-    p = 1
 
     def __check_init__(self):
         require_chain(self, self.model)
         check_gains(self, self.alphas, self.gamma, self.n, f"n = {self.n} coefficients")
-
-    @property
-    def n(self):
-        return self.model.n
-
-    @property
-    def m(self):
-        return self.model.m
 
     def gain(self) -> Float[Array, " n"]:
         return self.alphas * powers(self.gamma, self.n)

@@ -5,11 +5,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxobs._module import param, require_finite, require_instance, require_shape
-from jaxobs.observers.base import AbstractFlowObserver
+from jaxobs.observers.base import AbstractFlowObserver, AbstractModelled
 from jaxobs.plants import AbstractLipschitz
 
 
-class InnerInjection(AbstractFlowObserver):
+class InnerInjection(AbstractModelled, AbstractFlowObserver):
     """z' = A z + B f(z + K (y - C z)) + g(y, u) + L (y - C z), estimate z.
 
     model: a plant x' = A x + B f(x) + g(y, u), y = C x. gain L and inner gain K, both (n, p). K = C^+ (`measured`) makes f see
@@ -28,18 +28,6 @@ class InnerInjection(AbstractFlowObserver):
             shape = (self.model.n, self.model.p)
             require_shape(self, name, value, shape, "One row a state, one column an output.")
             require_finite(self, name, value)
-
-    @property
-    def n(self):
-        return self.model.n
-
-    @property
-    def m(self):
-        return self.model.m
-
-    @property
-    def p(self):
-        return self.model.p
 
     def init(self, xhat0):
         return xhat0

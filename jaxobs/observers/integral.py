@@ -6,11 +6,11 @@ from jaxtyping import Array, Float
 
 from jaxobs._module import Scalar, param, require_integer, static
 from jaxobs.observers._gains import check_gains, powers, require_chain, scaled_poles
-from jaxobs.observers.base import AbstractFlowObserver
+from jaxobs.observers.base import AbstractFlowObserver, AbstractModelled
 from jaxobs.plants import AbstractChain
 
 
-class IntegralHighGain(AbstractFlowObserver):
+class IntegralHighGain(AbstractModelled, AbstractFlowObserver):
     """The innovation passes q integrators before it is injected; with a_i = alphas_i gamma^i and z = (eps, xhat),
 
         eps_i'  = eps_{i+1} - a_i eps_1  (i < q),      eps_q' = (y - xhat_1) - a_q eps_1
@@ -26,21 +26,12 @@ class IntegralHighGain(AbstractFlowObserver):
     alphas: Float[Array, " N"] = param()
     gamma: Scalar = param()
     q: int = static(default=1)
-    p = 1
 
     def __check_init__(self):
         require_chain(self, self.model)
         require_integer(self, "q", self.q, 0, "It counts the integrators between innovation and injection.")
         what = f"n + q = {self.n} + {self.q} coefficients"
         check_gains(self, self.alphas, self.gamma, self.n + self.q, what)
-
-    @property
-    def n(self):
-        return self.model.n
-
-    @property
-    def m(self):
-        return self.model.m
 
     def gain(self) -> Float[Array, " N"]:
         return self.alphas * powers(self.gamma, self.n + self.q)

@@ -6,14 +6,14 @@ from jaxtyping import Array, Float
 
 from jaxobs._module import Scalar, param
 from jaxobs.observers._kalman import check_kalman, measurement_update, process_root, root, time_update
-from jaxobs.observers.base import AbstractFlowObserver, AbstractStepObserver
+from jaxobs.observers.base import AbstractFlowObserver, AbstractModelled, AbstractStepObserver
 from jaxobs.plants import AbstractFlowPlant, AbstractStepPlant
 
 FLOW = "For a step plant take DiscreteKalman."
 STEP = "For a flow plant take ContinuousDiscreteKalman or ContinuousKalman."
 
 
-class ContinuousKalman(AbstractFlowObserver):
+class ContinuousKalman(AbstractModelled, AbstractFlowObserver):
     """With F = df/dx and C = dh/dx at xhat, E the model's disturbance matrix, the extended Kalman-Bucy observer
 
         xhat' = f(xhat, u) + K (y - h(xhat, u)),    K = P C'r^-1,    P' = F P + P F' + E q E' - P C'r^-1 C P,    P(0) = start
@@ -36,18 +36,6 @@ class ContinuousKalman(AbstractFlowObserver):
 
     def __check_init__(self):
         check_kalman(self, self.model, AbstractFlowPlant, FLOW)
-
-    @property
-    def n(self):
-        return self.model.n
-
-    @property
-    def m(self):
-        return self.model.m
-
-    @property
-    def p(self):
-        return self.model.p
 
     @property
     def fastest_rate(self) -> Scalar:
@@ -80,7 +68,7 @@ class ContinuousKalman(AbstractFlowObserver):
         return self.model.h(z[0], u)
 
 
-class DiscreteKalman(AbstractStepObserver):
+class DiscreteKalman(AbstractModelled, AbstractStepObserver):
     """With F = df/dx at xhat_k and C = dh/dx at xhat_k^-, E the model's disturbance matrix, the extended Kalman observer
 
         xhat_k = xhat_k^- + K_k (y_k - h(xhat_k^-, u_k)),    K_k = P_k^- C'(C P_k^- C' + r)^-1,    P_k = (I - K_k C) P_k^-
@@ -102,18 +90,6 @@ class DiscreteKalman(AbstractStepObserver):
 
     def __check_init__(self):
         check_kalman(self, self.model, AbstractStepPlant, STEP)
-
-    @property
-    def n(self):
-        return self.model.n
-
-    @property
-    def m(self):
-        return self.model.m
-
-    @property
-    def p(self):
-        return self.model.p
 
     def init(self, xhat0):
         return xhat0, root(self.start)

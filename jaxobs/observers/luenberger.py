@@ -5,14 +5,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxobs._module import param, refuse, require_finite, require_instance, require_shape
-from jaxobs.observers.base import AbstractFlowObserver, AbstractStepObserver
+from jaxobs.observers.base import AbstractFlowObserver, AbstractModelled, AbstractStepObserver
 from jaxobs.plants import AbstractFlowPlant, AbstractStepPlant
 
 FLOW = "For a step plant take StepLuenberger or CurrentLuenberger."
 STEP = "For a flow plant take Luenberger, or wrap the plant: jaxobs.plants.Discretised(plant, integrator, dt)."
 
 
-class Luenberger(AbstractFlowObserver):
+class Luenberger(AbstractModelled, AbstractFlowObserver):
     """z' = f(z, u) + L (y - h(z)), estimate z (papers 000 (6), 002 (9), 003 (3), 004 (5) are of this form).
 
     model: any flow plant. gain L (n, p), finite. For models with a linear part `split` makes the stiff terms explicit.
@@ -23,18 +23,6 @@ class Luenberger(AbstractFlowObserver):
 
     def __check_init__(self):
         _check(self, AbstractFlowPlant, FLOW)
-
-    @property
-    def n(self):
-        return self.model.n
-
-    @property
-    def m(self):
-        return self.model.m
-
-    @property
-    def p(self):
-        return self.model.p
 
     def init(self, xhat0):
         return xhat0
@@ -57,7 +45,7 @@ class Luenberger(AbstractFlowObserver):
         return self.model.h(z, u)
 
 
-class StepLuenberger(AbstractStepObserver):
+class StepLuenberger(AbstractModelled, AbstractStepObserver):
     """z+ = f(k, z, u) + L (y - h(z)), estimate z: the estimate at k uses y up to k - 1 (papers 000 (51), 004 (14)).
 
     On Discretised(plant, Euler(), dt) it is the observer (51) of paper 000 with L = X^-1 C' (designs.euler_tied, euler_free),
@@ -72,18 +60,6 @@ class StepLuenberger(AbstractStepObserver):
     def __check_init__(self):
         _check(self, AbstractStepPlant, STEP)
 
-    @property
-    def n(self):
-        return self.model.n
-
-    @property
-    def m(self):
-        return self.model.m
-
-    @property
-    def p(self):
-        return self.model.p
-
     def init(self, xhat0):
         return xhat0
 
@@ -97,7 +73,7 @@ class StepLuenberger(AbstractStepObserver):
         return self.model.h(z, u)
 
 
-class CurrentLuenberger(AbstractStepObserver):
+class CurrentLuenberger(AbstractModelled, AbstractStepObserver):
     """xhat = z + K (y - h(z)), z+ = f(k, xhat, u): the current (filter) form, whose estimate at k uses y_k.
 
     For a linear model it is StepLuenberger with L = F K, less one sample of delay. gain K (n, p), finite.
@@ -109,18 +85,6 @@ class CurrentLuenberger(AbstractStepObserver):
 
     def __check_init__(self):
         _check(self, AbstractStepPlant, STEP)
-
-    @property
-    def n(self):
-        return self.model.n
-
-    @property
-    def m(self):
-        return self.model.m
-
-    @property
-    def p(self):
-        return self.model.p
 
     def init(self, xhat0):
         return xhat0

@@ -8,14 +8,14 @@ from jaxtyping import Array, Float
 from jaxobs._module import Module, Numbers, Scalar, as_param, concrete, param, refuse, require_positive, require_shape
 from jaxobs.integrators import RK4, AbstractIntegrator, Field
 from jaxobs.linalg import triangularise
-from jaxobs.observers.base import AbstractFlowObserver, AbstractStepObserver
+from jaxobs.observers.base import AbstractFlowObserver, AbstractModelled, AbstractStepObserver
 from jaxobs.plants import AbstractBlockTriangular, AbstractChain, AbstractStateAffine, AbstractTriangular
 
 SeenThrough = AbstractChain | AbstractTriangular | AbstractBlockTriangular | AbstractStateAffine  # they have pair(u)
 FIX = "Write it as a subclass of AbstractTriangular, AbstractBlockTriangular or AbstractStateAffine, or use a constant gain."
 
 
-class Lyapunov(AbstractFlowObserver):
+class Lyapunov(AbstractModelled, AbstractFlowObserver):
     """z = (xhat, S),    xhat' = f(xhat, u) + S^-1 C'(y - C xhat),    S' = -theta S - A(u)'S - S A(u) + C'C
 
     (paper 003, (25); 001's (4) with theta = mu; and (12), see `from_scaled`). f = A(u) x + g(u, x): only A(u) and C enter S.
@@ -33,18 +33,6 @@ class Lyapunov(AbstractFlowObserver):
 
     def __check_init__(self):
         _check(self)
-
-    @property
-    def n(self):
-        return self.model.n
-
-    @property
-    def m(self):
-        return self.model.m
-
-    @property
-    def p(self):
-        return self.model.p
 
     @property
     def fastest_rate(self):
@@ -75,7 +63,7 @@ class Lyapunov(AbstractFlowObserver):
         return self.model.h(z[0], u)
 
 
-class StepLyapunov(AbstractStepObserver):
+class StepLyapunov(AbstractModelled, AbstractStepObserver):
     """The same for samples dt apart, with u held; S = R'R is kept as its root, F = e^{A(u_k) dt}, and at sample k
 
         S_k = S_k^- + dt C'C,   xhat_k = xhat_k^- + dt S_k^-1 C'(y_k - C xhat_k^-),   S_{k+1}^- = e^{-theta dt} F'^-1 S_k F^-1
@@ -100,18 +88,6 @@ class StepLyapunov(AbstractStepObserver):
     def __check_init__(self):
         _check(self)
         require_positive(self, "dt", self.dt, "It is the sampling period in seconds.")
-
-    @property
-    def n(self):
-        return self.model.n
-
-    @property
-    def m(self):
-        return self.model.m
-
-    @property
-    def p(self):
-        return self.model.p
 
     def init(self, xhat0):
         return xhat0, jnp.linalg.cholesky(_full(self.start, self.n)).T.astype(xhat0.dtype)

@@ -6,11 +6,11 @@ from jaxtyping import Array, Float
 
 from jaxobs._module import concrete, param, require_finite, require_shape
 from jaxobs.observers._gains import require_chain
-from jaxobs.observers.base import AbstractFlowObserver
+from jaxobs.observers.base import AbstractFlowObserver, AbstractModelled
 from jaxobs.plants import AbstractChain
 
 
-class OutputInjection(AbstractFlowObserver):
+class OutputInjection(AbstractModelled, AbstractFlowObserver):
     """z' = A z + B phi(y, u) + L (y - C z), estimate z, for a chain x' = A x + B phi(y, u), y = C x.
 
     The error obeys e' = (A - L C) e whatever phi is: any Hurwitz gain will do, large or small, and no Lipschitz constant is
@@ -22,20 +22,11 @@ class OutputInjection(AbstractFlowObserver):
 
     model: AbstractChain
     gain: Float[Array, "n p"] = param()
-    p = 1
 
     def __check_init__(self):
         require_chain(self, self.model)
         require_shape(self, "gain", self.gain, (self.model.n, 1), "One row a state, one column: [[l1], [l2], ...].")
         require_finite(self, "gain", self.gain)
-
-    @property
-    def n(self):
-        return self.model.n
-
-    @property
-    def m(self):
-        return self.model.m
 
     def error_poles(self) -> np.ndarray | None:
         """The poles of the error, where they are concrete."""

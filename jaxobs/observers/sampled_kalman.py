@@ -7,12 +7,12 @@ from jaxtyping import Array, Float
 from jaxobs._module import Scalar, param, require_instance, require_integer, require_positive, static
 from jaxobs.integrators import RK4, AbstractIntegrator, Field
 from jaxobs.observers._kalman import check_kalman, process_root, root, time_update
-from jaxobs.observers.base import AbstractStepObserver
+from jaxobs.observers.base import AbstractModelled, AbstractStepObserver
 from jaxobs.observers.kalman import correct
 from jaxobs.plants import AbstractFlowPlant
 
 
-class ContinuousDiscreteKalman(AbstractStepObserver):
+class ContinuousDiscreteKalman(AbstractModelled, AbstractStepObserver):
     """Between samples, with u held, F = df/dx along xhat(t) and E the model's disturbance matrix
 
         xhat' = f(xhat, u),    P' = F P + P F' + E q E',
@@ -44,18 +44,6 @@ class ContinuousDiscreteKalman(AbstractStepObserver):
         )
         require_positive(self, "dt", self.dt, "It is the sampling period in seconds.")
         require_integer(self, "substeps", self.substeps, 1, "It counts the time updates between two samples.")
-
-    @property
-    def n(self):
-        return self.model.n
-
-    @property
-    def m(self):
-        return self.model.m
-
-    @property
-    def p(self):
-        return self.model.p
 
     def _field(self, u) -> Field:
         """x' = f, and its variational equation Phi' = F Phi."""

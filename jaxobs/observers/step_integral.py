@@ -5,12 +5,12 @@ from jaxtyping import Array, Float
 
 from jaxobs._module import Scalar, param, require_integer, require_positive, require_shape, static
 from jaxobs.observers._gains import require_chain
-from jaxobs.observers.base import AbstractStepObserver
+from jaxobs.observers.base import AbstractModelled, AbstractStepObserver
 from jaxobs.observers.integral import signed
 from jaxobs.plants import AbstractChain
 
 
-class StepIntegral(AbstractStepObserver):
+class StepIntegral(AbstractModelled, AbstractStepObserver):
     """Euler of the q-integral observer: with f the plant's flow, L = (l_1, ..., l_{q+n}) and z = (eps, xhat),
 
         eps_i+  = eps_i + dt eps_{i+1} - l_i eps_1  (i < q),      eps_q+ = eps_q + dt (y - xhat_1) - l_q eps_1
@@ -29,7 +29,6 @@ class StepIntegral(AbstractStepObserver):
     gain: Float[Array, " N"] = param()
     dt: Scalar = param()
     q: int = static(default=1)
-    p = 1
 
     def __check_init__(self):
         require_chain(self, self.model)
@@ -37,14 +36,6 @@ class StepIntegral(AbstractStepObserver):
         fix = "One gain for each integrator, then one for each state."
         require_shape(self, "gain", self.gain, (self.model.n + self.q,), fix)
         require_positive(self, "dt", self.dt, "It is the sampling period in seconds.")
-
-    @property
-    def n(self):
-        return self.model.n
-
-    @property
-    def m(self):
-        return self.model.m
 
     def init(self, xhat0):
         return jnp.concatenate([jnp.zeros((self.q,), xhat0.dtype), xhat0])

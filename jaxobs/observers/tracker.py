@@ -111,6 +111,10 @@ def check_start(tracker, what: str) -> None:
 
 
 def check_tracker(tracker) -> None:
+    """n >= 1, q >= 0, n + q <= 10, integers; mu > 0 [1/s], one finite number (its value is checked where it is concrete).
+
+    ValueError otherwise.
+    """
     require_integer(tracker, "n", tracker.n, 1, "It counts the signal and the derivatives wanted: order + 1.")
     require_integer(tracker, "q", tracker.q, 0, "It counts the integrators in front of the estimate.")
     require_shape(tracker, "mu", tracker.mu, (), "A grid of mu goes through jaxobs.grid(observer, mu=...) and jaxobs.over.")

@@ -237,10 +237,11 @@ def _():
         rms.append(float(np.sqrt(np.mean((pair[0][0] - pair[1][0])[late, 1] ** 2))))
         largest = largest or float(np.max(np.abs(_twice_integrated(pair[0][1]))))
     why = (
-        f"xi_1 reaches {largest:.3g} after {end:g} s (gamma = 6, q = 2): (37) is unstable with y as input, and float32 loses "
-        f"{rms[0]:.2g} RMS in x_2 over the second half, {rms[1]:.1g} in the equivalent form in xi - xi_hat, which stays bounded"
+        "in exact arithmetic yes, see the row above; in floats not for long: (37) is unstable with y as input, xi_1 reaches "
+        f"{largest:.3g} after {end:g} s (gamma = 6, q = 2), and float32 loses {rms[0]:.2g} RMS in x_2 over the second half, "
+        f"{rms[1]:.1g} in the equivalent form in xi - xi_hat, which stays bounded"
     )
-    return Statement(largest < 1e3, largest, why)
+    return Statement(rms[0] < 10 * rms[1], largest, why)
 
 
 def _without_noise(observer: AbstractFlowObserver, end: float) -> tuple[np.ndarray, np.ndarray]:
