@@ -96,7 +96,7 @@ def euler_free(
         [factor^2 X - epsilon N'N,  -(X + dt X A - Y C)',  0;  *,  X,  -dt X M;  0,  *,  epsilon I] > 0,
 
     so every L that has some X is within reach. Arguments and errors as for euler_tied. Source: paper 000, (62), with the change
-    of variables of Boyd et al., Linear Matrix Inequalities in System and Control Theory, 1994, section 7.2.
+    of variables of Boyd et al., Linear Matrix Inequalities in System and Control Theory, 1994.
     """
     return _designed("euler_free", plant, dt, slope, q, unit, factor)
 

@@ -13,11 +13,12 @@ from jaxtyping import Array
 from jaxobs import hurwitz
 from jaxobs._module import Numbers, as_param, dtype_of, refuse, require_integer
 from jaxobs.certificates import Condition5, exact
-from jaxobs.designs._chain_gain import require_alphas, warn_large_gain
+from jaxobs.designs._chain_gain import require_alphas, require_positive, warn_large_gain
 from jaxobs.designs.infeasible import Infeasible
 from jaxobs.observers import HighGain, IntegralHighGain
 from jaxobs.plants import AbstractChain
 
+SLOPE = "It bounds |phi(a, u) - phi(b, u)| / |a - b| over all a, b and u."
 DEFAULT_EXCESS = 1.1  # gamma over the smallest certified one, when none is asked for: leaves a decay rate
 
 
@@ -39,9 +40,7 @@ def riccati(
             "riccati", "plant", type(plant).__name__, "a plant in chain form", "Write it as a subclass of AbstractChain."
         )
     require_integer("riccati", "q", q, 0, "It counts the integrators between innovation and injection.")
-    if not (isinstance(lipschitz, (int, float, np.number)) and np.isfinite(lipschitz) and lipschitz > 0):
-        fix = "It bounds |phi(a, u) - phi(b, u)| / |a - b| over all a, b and u."
-        raise refuse("riccati", "lipschitz", repr(lipschitz), "a positive number", fix)
+    require_positive("riccati", "lipschitz", lipschitz, SLOPE)
     chosen = hurwitz.binomial(plant.n + q) if alphas is None else alphas
     draft = _observer(plant, chosen, 1.0 if gamma is None else gamma, q)
     weights = exact.chain_weights([Fraction(float(a)) for a in np.asarray(draft.alphas)])
@@ -73,10 +72,11 @@ def riccati_gamma(*, alphas: Numbers, lipschitz: float) -> float:
 
         inf {gamma > 0: rho < lambda_min(P^-1/2 Q P^-1/2) / (2 sqrt((P^-1)_NN lambda_max(P)))},      P = P(gamma).
 
-    alphas (N,), N = n + q; lipschitz: rho > 0, which is not checked here. ValueError for alphas that are not Hurwitz.
+    alphas (N,), N = n + q; lipschitz: rho > 0. ValueError for alphas that are not Hurwitz, or rho <= 0.
     Source: paper 000, (5), (10), (44); the right side increases with gamma, so the root is found by Brent's method.
     """
     a = require_alphas("riccati_gamma", alphas, np.size(alphas))
+    require_positive("riccati_gamma", "lipschitz", lipschitz, SLOPE)
     if min(exact.chain_weights([Fraction(x) for x in a])) <= 0:
         return math.inf
     return _smallest_gamma(a.tolist(), lipschitz)

@@ -7,8 +7,8 @@ e' = (A - L C + M F N) e with |F| <= 1: V = e'Xe decreases for all such F exactl
 With X = P(gamma)^-1, the metric of condition (5), only tau is sought; with X free it is the bounded real lemma, decided by the
 eigenvalues of a Hamiltonian matrix, and X is the solution of a Riccati equation. Neither needs a semidefinite program.
 
-Source: Boyd, El Ghaoui, Feron and Balakrishnan, Linear Matrix Inequalities in System and Control Theory, 1994, sections 2.6.3
-(S-procedure), 2.7.3 (bounded real lemma) and 5.1; the Hamiltonian test: Boyd, Balakrishnan and Kabamba, 1989.
+Source: Boyd, El Ghaoui, Feron and Balakrishnan, Linear Matrix Inequalities in System and Control Theory, 1994 (the
+S-procedure, the bounded real lemma, quadratic stability); the Hamiltonian test: Boyd, Balakrishnan and Kabamba, 1989.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 
-from jaxobs._module import Numbers, dtype_of
+from jaxobs._module import Numbers, dtype_of, refuse
 from jaxobs.certificates import SLemma
 from jaxobs.designs._chain_gain import as_rows, metric, require_alphas, require_positive, warn_large_gain
 from jaxobs.designs._euler_lmi import Coordinates
@@ -46,7 +46,8 @@ def s_lemma(
     certified one if not given. q: integrators between innovation and injection. rate [1/s] >= 0.
 
     Infeasible, with `smallest_gamma`, where no X will do. ValueError for a plant that is no chain or that `slope` does not fit
-    (another n, or phi changes with a state outside N), alphas of another number or not Hurwitz, gamma <= 0. Source: Boyd et al., 1994, sections 2.6.3, 2.7.3, 5.1.
+    (another n, or phi changes with a state outside N), alphas of another number or not Hurwitz, gamma <= 0. Source: Boyd et
+    al., 1994, sections 2.6.3, 2.7.3, 5.1.
     """
     return _designed("s_lemma", plant, alphas, slope, gamma, q, rate)
 
@@ -70,7 +71,7 @@ def s_lemma_gamma(*, alphas: Numbers, slope: NormBounded, q: int = 0) -> float:
         inf {gamma > 0: K = A - L C Hurwitz, |N (s - K)^-1 M|_inf < 1},      L_i = alphas_i gamma^i.
 
     alphas (n + q,); slope: M (n, r), N (s, n) of a chain, M F N = B dphi/dx. ValueError for alphas of another number or not
-    Hurwitz. Source: Boyd et al., 1994, section 2.7.3; Boyd, Balakrishnan and Kabamba, 1989.
+    Hurwitz. Source: Boyd et al., 1994; Boyd, Balakrishnan and Kabamba, 1989.
     """
     return _smallest("s_lemma", require_alphas("s_lemma_gamma", alphas, slope.n + q), slope, q)
 
@@ -88,7 +89,8 @@ def s_lemma_riccati_gamma(*, alphas: Numbers, slope: NormBounded, q: int = 0) ->
 def _designed(name, plant, alphas, slope, gamma, q, rate):
     require_plant(name, plant, slope)
     a = require_alphas(name, alphas, slope.n + q)
-    require_positive(name, "rate", rate + 1.0, "A decay rate in 1/s, or 0.")
+    if not rate >= 0:
+        raise refuse(name, "rate", repr(rate), "a number >= 0", "It is the decay rate in 1/s that is to be proved.")
     smallest = None
     if gamma is None:
         smallest = _smallest(name, a, slope, q, rate)

@@ -82,7 +82,7 @@ def tracker_gains(n: int, q: int) -> TrackerGains:
 
         bias C(N, r),   worst_bias int |g_i| dt,   white sqrt(int h_i^2 dt),   worst int |h_i| dt,   r = n - i + 1,
 
-    and the bandwidth; h_i, g_i: the impulse responses of Xhat_i / Y and E_i / Y^(n). Units and powers of mu: see `TrackerGains`.
+    and the bandwidth; h_i, g_i: the impulse responses of Xhat_i / Y and E_i / Y^(n). Units, powers of mu: see `TrackerGains`.
     ValueError unless n >= 1 and q >= 0 are integers. Source: paper 001, (3)-(4) in steady state; L1 and H2 norms: Boyd and
     Barratt, Linear Controller Design, 1991, chapter 5.
     """

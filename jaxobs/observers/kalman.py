@@ -26,7 +26,7 @@ class ContinuousKalman(AbstractModelled, AbstractFlowObserver):
     model: any flow plant, h differentiable. q (w, w): intensity of the white disturbance, per second; r (p, p): intensity of
     white measurement noise (samples of variance v, held for dt: r = v dt); start (n, n). All symmetric positive definite, else
     ValueError. A lost sample moves xhat by the model alone, but P goes on as if it had come: the contract passes no validity.
-    Source: Jazwinski, Stochastic Processes and Filtering Theory, theorem 7.5 and section 8.3; Morf, Levy and Kailath (1978).
+    Source: Jazwinski, Stochastic Processes and Filtering Theory, chapters 7 and 8; Morf, Levy and Kailath (1978).
     """
 
     model: AbstractFlowPlant
@@ -80,7 +80,7 @@ class DiscreteKalman(AbstractModelled, AbstractStepObserver):
     model: any step plant. q (w, w): covariance of the disturbance of one step; r (p, p): of one sample; start (n, n). All
     symmetric positive definite, else ValueError. A lost sample moves xhat by the model alone, but P goes on as if it had come:
     the contract passes no validity.
-    Source: Kailath, Sayed and Hassibi, Linear Estimation, sections 9.7 and 12.3; Jazwinski, theorem 8.1.
+    Source: Kailath, Sayed and Hassibi, Linear Estimation, chapters 9 and 12; Jazwinski, chapter 8.
     """
 
     model: AbstractStepPlant

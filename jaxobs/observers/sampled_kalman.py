@@ -26,7 +26,7 @@ class ContinuousDiscreteKalman(AbstractModelled, AbstractStepObserver):
     model: any flow plant. q (w, w): intensity of the white disturbance, per second; r (p, p): covariance of one sample; start
     (n, n) = P(0). All symmetric positive definite. dt [s] > 0, checked against the data. ValueError for anything else. A lost
     sample moves xhat by the model alone, but P goes on as if it had come: the contract passes no validity.
-    Source: Jazwinski, Stochastic Processes and Filtering Theory, theorems 7.1, 8.1; Kailath, Sayed and Hassibi, section 12.3.
+    Source: Jazwinski, Stochastic Processes and Filtering Theory, chapters 7 and 8; Kailath, Sayed and Hassibi, chapter 12.
     """
 
     model: AbstractFlowPlant

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxobs._simulate import simulate
-from jaxobs.designs import Infeasible, lemma1, triangular
+from jaxobs.designs import Infeasible, lemma1, riccati_gamma, triangular
 from jaxobs.excitation import structure
 from jaxobs.observers import Lyapunov
 from jaxobs.observers.lyapunov import from_scaled
@@ -33,7 +33,8 @@ def _():
     gain = ", ".join(f"{g:.4g}" for g in np.asarray(observer.gain)[:, 0])
     why = (
         f"with K = (3, 2) and slopes up to 1.5 every theta >= {certificate.theta / 1.1:.4f} is certified by P of lemma 1 "
-        f"(exact; L = ({gain}) at theta = {certificate.theta:.4f}); (5) of paper 000 needs gamma = 5.7397 for the same chain"
+        f"(exact; L = ({gain}) at theta = {certificate.theta:.4f}); (5) of paper 000 needs gamma = "
+        f"{riccati_gamma(alphas=[3.0, 2.0], lipschitz=1.5):.4f} for the same chain"
     )
     return Statement(bool(certificate.verify()), certificate.theta / 1.1, why)
 
