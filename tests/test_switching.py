@@ -114,3 +114,16 @@ def test_malformed_switchings_are_not_shown(change, why):
     verdict = dataclasses.replace(proof, **change).verify()
     assert not verdict
     assert why in verdict.why
+
+
+@pytest.mark.parametrize("step", [0, 1])
+@pytest.mark.parametrize("entries", [(0.0, 1e-301, 1e300, 0.0), (1e308, 1.0, 1.0, 0.0), (1e300, 1e300, 1e300, 1e300)])
+@pytest.mark.parametrize("time", [1.0, 1e308, 1e-300])
+def test_numbers_of_any_size_get_a_verdict(entries, time, step):
+    a = (entries[:2], entries[2:])
+    proof = SwitchingInstability(
+        a, ((), ()), (), ((1.0, 0.0),), ((0.0,), (0.0,)), (), (), ((),) * 64, (time,) * 64, repeats=256, step=step
+    )
+    verdict = proof.verify()
+    assert not verdict
+    assert verdict.why.startswith("not shown")

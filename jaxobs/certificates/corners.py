@@ -20,7 +20,7 @@ class Corners(AbstractCertificate):
 
     imply |e(t)| <= sqrt(cond P) e^{-rate t} |e(0)| for every such rho(t), since the inequality is affine in rho.
 
-    a (n, n), b (n, r) with columns b_k, c (r, n), lower and upper (r,), output (p, n), gain L (n, p), p (n, n), rate [1/s] >= 0.
+    a (n, n), b (n, r) with columns b_k, c (r, n), lower and upper (r,), output (p, n), gain L (n, p), p (n, n), rate >= 0 [1/s]
     origin: where the bounds come from, a sentence. tied (r,): channels with equal numbers have one parameter; () if none are.
     Source: paper 004, theorems 4.1 and 5.1; 003, lemma 1; 002, (31) at j0 = n.
     """
@@ -163,9 +163,8 @@ def _malformed(one: Corners | StepCorners, rate: float) -> str | None:
 
 
 def _described(one: Corners | StepCorners) -> str:
-    return (
-        f"the gain L = {one.gain!r} and all parameters in [{one.lower!r}, {one.upper!r}]"
-        + (f", those tied {one.tied!r} equal" if len(set(one.tied)) < len(one.tied) else "")
+    return f"the gain L = {one.gain!r} and all parameters in [{one.lower!r}, {one.upper!r}]" + (
+        f", those tied {one.tied!r} equal" if len(set(one.tied)) < len(one.tied) else ""
     )
 
 

@@ -7,7 +7,6 @@ from jaxobs.certificates import _box, exact
 from jaxobs.certificates.base import AbstractCertificate, FloatMatrix, Verdict
 from jaxobs.certificates.routh import Count, frozen
 
-
 LONGEST = 1536  # binary digits of F(rho): a hostile file could otherwise keep the check busy
 
 

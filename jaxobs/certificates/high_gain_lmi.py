@@ -69,9 +69,7 @@ class HighGainLmi(AbstractCertificate):
             return Verdict(False, {}, f"not certified: {error}")
         for psi, matrix in corners:
             if not exact.is_positive_definite(matrix):
-                return Verdict(
-                    False, {}, f"not certified: (31) fails at the corner psi = {list(psi)} (before scaling) for lam = {self.lam:.9g}"
-                )
+                return Verdict(False, {}, f"not certified: (31) fails at the corner psi = {list(psi)} for lam = {self.lam:.9g}")
         margins = {"decay_rate": exact.to_float(chain.rate(theta, self.j0, k, lam, nu))}
         if not theta ** (1 + self.j0) * lam > 2 * k * nu:
             return Verdict(False, margins, "not certified: theta^{1+j0} > 2 k nu / lam fails, (32)")

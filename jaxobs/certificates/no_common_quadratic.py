@@ -7,7 +7,6 @@ from jaxobs.certificates import _box, exact
 from jaxobs.certificates.base import AbstractCertificate, FloatMatrix, Verdict
 from jaxobs.certificates.common_quadratic import common_quadratic
 
-
 LONGEST = 768  # binary digits of an F(rho): a hostile file could otherwise keep the check busy
 
 

@@ -85,7 +85,9 @@ class TriangularGain(AbstractCertificate):
     def _parts(self, theta: Fraction) -> tuple[exact.Matrix, list[exact.Matrix]]:
         """M(a) = the first + sum_i a_i (the i-th of the others)."""
         n = len(self.gain)
-        injection = [[-Fraction(gain) * theta**-i if j == 0 else Fraction(0) for j in range(n)] for i, gain in enumerate(self.gain)]
+        injection = [
+            [-Fraction(gain) * theta**-i if j == 0 else Fraction(0) for j in range(n)] for i, gain in enumerate(self.gain)
+        ]
         couplings = [exact.zeros(n, n) for _ in range(n - 1)]
         for i, m in enumerate(couplings):
             m[i][i + 1] = theta

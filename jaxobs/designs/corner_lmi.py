@@ -162,7 +162,9 @@ def _infeasible(way: Climb, gain: np.ndarray | None, rate: float, step: bool, wh
     kind = "factor a step" if step else "decay rate"
     reason = f"no P was found that proves the {kind} {rate:.6g} of {what} at all corners"
     if refuted.bound < 0:
-        reason += f", and by duality none exists with a condition number up to {CONDITION:.0e} in the coordinates of the last P"
+        gains = "" if gain is not None else f", and P L up to {CONDITION:.0e} lambda_min(P),"
+        reason += f", and by duality none exists with a condition number up to {CONDITION:.0e}{gains}"
+        reason += " in the coordinates of the last P"
     change = "Nothing is proved at any rate: narrow the bounds, or add an output."
     if best is not None:
         change = f"The best {kind} proved on the way is {best:.6g}; ask for less, or narrow the bounds."

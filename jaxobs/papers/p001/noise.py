@@ -81,7 +81,7 @@ def _():
         "variance of xhat_3 at mu = 200 over that at mu = 20; at mu = 1 the variances of q = 0 are "
         f"{', '.join(f'{r:.4g}' for r in ratio)}."
     )
-    return Statement(variance[1] > variance[0], variance[1] / variance[0], why)
+    return Statement(bool(variance[1] > variance[0]), float(variance[1] / variance[0]), why)
 
 
 @PAPER.claim("noise and q: bounded", "universal", printed="d is attenuated more and more by increasing q")
