@@ -170,6 +170,6 @@ def _described(one: Corners | StepCorners) -> str:
 
 def _bounds(one: Corners | StepCorners) -> tuple[str, ...]:
     return (
-        f"the parameters stay within the stored bounds at all times (bounds: {one.origin})",
+        f"the parameters stay within the stored bounds at all times (bounds: {one.origin!r})",
         "no measurement noise; gains in real arithmetic",
     )

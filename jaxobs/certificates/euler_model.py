@@ -51,7 +51,7 @@ class EulerModel(AbstractCertificate):
         return (
             "the plant is the Euler model x+ = x + dt (A x + B phi(x, u)) of a chain, not the chain itself; y = x_1",
             "the observer has the same phi",
-            f"the slopes of phi stay within the stored bound for all x and all u that occur (bounds: {self.origin})",
+            f"the slopes of phi stay within the stored bound for all x and all u that occur (bounds: {self.origin!r})",
             "without measurement noise; gains in real arithmetic",
         )
 

@@ -36,7 +36,7 @@ class FrozenInstability(AbstractCertificate):
 
     @property
     def claim(self) -> str:
-        return f"with the gain L = {self.gain!r} and the constant parameters {self.rho!r} the error grows exponentially"
+        return f"with the gain L = {self.gain!r} and the constant parameters {self.rho!r} some errors grow exponentially"
 
     @property
     def assumptions(self) -> tuple[str, ...]:

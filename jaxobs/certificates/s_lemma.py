@@ -47,7 +47,7 @@ class SLemma(AbstractCertificate):
     def assumptions(self) -> tuple[str, ...]:
         return (
             "the plant is x_i' = x_{i+1}, x_n' = phi(x, u), y = x_1, and the observer has the same phi",
-            f"the slopes of phi stay within the stored bound for all x and all u that occur (bounds: {self.origin})",
+            f"the slopes of phi stay within the stored bound for all x and all u that occur (bounds: {self.origin!r})",
             "continuous time, without measurement noise; gains in real arithmetic",
         )
 

@@ -43,7 +43,7 @@ class SwitchingInstability(AbstractCertificate):
     @property
     def claim(self) -> str:
         return (
-            f"with the gain L = {self.gain!r} the error grows exponentially when the parameters take the values "
+            f"with the gain L = {self.gain!r} some errors grow exponentially when the parameters take the values "
             f"{self.points!r} for the times {self.durations!r}, again and again"
         )
 

@@ -109,8 +109,8 @@ def largest_rate(model: Polytope, gain: np.ndarray | None = None, *, step: bool 
 
         sup {rate: some P > 0 has F_c'P + P F_c + 2 rate P < 0 at all corners F_c = A_c - L output},
 
-    and for step models the infimum of the factors a step with F_c'P F_c < factor^2 P. Infinite (0) if a high gain does them
-    all. Negative rates (factors above 1) are answers too; -inf (inf) if the search finds none. In floats, to rtol.
+    and for step models the infimum of the factors a step with F_c'P F_c < factor^2 P. Infinite (0) if a high gain does all that
+    were tried. Negative rates (factors above 1) are answers too; -inf (inf) if the search finds none. In floats, to rtol.
 
     gain L (n, p), or None for any. ValueError for a gain of another shape. Source: as for `prove`; a generalised eigenvalue
     problem, Boyd et al., 1994, section 5.1.
@@ -161,7 +161,7 @@ def _infeasible(way: Climb, gain: np.ndarray | None, rate: float, step: bool, wh
     refuted = place.refute(place.kappa(rate), gain)
     kind = "factor a step" if step else "decay rate"
     reason = f"no P was found that proves the {kind} {rate:.6g} of {what} at all corners"
-    if refuted.bound < 0:
+    if refuted.is_infeasible:
         gains = "" if gain is not None else f", and P L up to {CONDITION:.0e} lambda_min(P),"
         reason += f", and by duality none exists with a condition number up to {CONDITION:.0e}{gains}"
         reason += " in the coordinates of the last P"

@@ -18,9 +18,12 @@ import cvxpy as cp
 import numpy as np
 import scipy.linalg
 
+from jaxobs._module import refuse
+
 # The second is asked only when the first returns no values at all.
 SOLVERS = ((cp.CLARABEL, {}), (cp.SCS, {"eps": 1e-8, "max_iters": 2_000}))
 
+ROUNDING = 1e-10  # a bound this close to zero decides nothing
 REFINEMENTS = 30  # alternating projections of the duals
 
 
@@ -93,7 +96,7 @@ class Solution:
     @property
     def is_infeasible(self) -> bool:
         """For `feasible`: no values within reach satisfy all inequalities (up to rounding). Not the negation of is_feasible."""
-        return self.bound < 0
+        return self.bound < -ROUNDING
 
 
 Matrices = Sequence[Any]
@@ -137,6 +140,10 @@ def _coefficients(unknowns: Unknowns, lmis: Callable[..., Matrices]) -> tuple[li
     """F_i(0), (k_i, k_i), and the slopes of F_i along each free entry, (entries, k_i, k_i), by evaluating at unit vectors."""
     zero = {name: unknown.centre for name, unknown in unknowns.items()}
     constant = [np.asarray(f, float) for f in lmis(**zero)]
+    for i, first in enumerate(constant):
+        if first.ndim != 2 or first.shape != first.T.shape or not np.allclose(first, first.T, rtol=1e-9, atol=1e-12):
+            fix = "Write both triangles: -(A.T @ p + p @ A), not -2 * p @ A."
+            raise refuse("sdp", "lmis", f"F_{i} of shape {first.shape}, not symmetric", "symmetric matrices", fix)
     slopes = [
         [np.asarray(f, float) - first for f, first in zip(lmis(**(zero | {name: zero[name] + unit})), constant, strict=True)]
         for name, unknown in unknowns.items()
