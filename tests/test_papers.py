@@ -7,7 +7,8 @@ import math
 import pytest
 
 from jaxobs import cli, papers
-from jaxobs.papers.claims import Bound, Claim, Point, Statement, Value, half_digit
+from jaxobs.papers.claims import OURS, Bound, Claim, Point, Statement, Value, half_digit
+from jaxobs.report import papers_text
 
 
 @pytest.mark.parametrize(
@@ -37,6 +38,13 @@ def test_the_verdict_follows_from_kind_and_evidence(kind, printed, evidence, ver
     assert row.seconds >= 0
     scanned = Claim("000", "c", kind, printed, lambda: evidence, scan=True).check()
     assert scanned.verdict == ("scan?" if verdict in ("slip", "false as stated") else verdict)
+
+
+def test_rows_of_ours_are_counted_apart():
+    rows = [
+        Claim("000", name, "identity", printed, lambda: Statement(True)).check() for name, printed in (("a", "x"), ("b", OURS))
+    ]
+    assert papers_text.count(rows) == "1 claims: 1 reproduced; and 1 rows of ours"
 
 
 def test_half_a_unit_of_the_last_digit():

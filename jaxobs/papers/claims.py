@@ -7,6 +7,7 @@ from collections.abc import Callable
 from decimal import Decimal, InvalidOperation
 from typing import Any, Literal
 
+OURS = "not in the print"  # what stands for the print in rows that the paper leaves to its readers
 Verdict = Literal["reproduced", "conservative", "slip", "scan?", "false as stated", "open"]
 Kind = Literal["value", "bound", "feasible", "identity", "universal", "figure"]
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from jaxobs.papers import Row
+from jaxobs.papers.claims import OURS
 
 COLUMNS = ["claim", "printed", "ours", "verdict", "why"]
 ORDER = ("reproduced", "conservative", "slip", "scan?", "false as stated", "open")
@@ -23,8 +24,10 @@ def number(ours: float | str | None) -> str:
 
 def count(rows: Sequence[Row]) -> str:
     """How many rows of each verdict, in words."""
-    verdicts = Counter(row.verdict for row in rows)
-    return f"{len(rows)} claims: " + ", ".join(f"{verdicts[name]} {name}" for name in ORDER if verdicts[name])
+    printed = [row for row in rows if row.printed != OURS]
+    verdicts = Counter(row.verdict for row in printed)
+    claims = f"{len(printed)} claims: " + ", ".join(f"{verdicts[name]} {name}" for name in ORDER if verdicts[name])
+    return claims + (f"; and {len(rows) - len(printed)} rows of ours" if len(printed) < len(rows) else "")
 
 
 def as_json(rows: Sequence[Row]) -> list[dict[str, Any]]:

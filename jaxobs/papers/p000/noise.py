@@ -16,7 +16,7 @@ from jaxobs import hurwitz
 from jaxobs._module import as_param
 from jaxobs.linalg import noise_covariance
 from jaxobs.observers import HighGain, IntegralHighGain
-from jaxobs.papers.claims import Statement
+from jaxobs.papers.claims import OURS, Statement
 from jaxobs.papers.p000 import experiment
 from jaxobs.papers.p000.paper import PAPER
 from jaxobs.papers.p000.weights import riccati_pair
@@ -190,21 +190,21 @@ def _measured(measure: str) -> Statement:
     return Statement(off < 0.15, f"{_listed(middle)} of (3, 2)", why)
 
 
-@PAPER.claim("noise at equal gamma, measured", "figure", printed="(the law of the noise rows)", long=True)
+@PAPER.claim("noise at equal gamma, measured", "figure", printed=OURS, long=True)
 def _():
     return _measured("gamma")
 
 
-@PAPER.claim("noise at equal settling time, measured", "figure", printed="(the law of the noise rows)", long=True)
+@PAPER.claim("noise at equal settling time, measured", "figure", printed=OURS, long=True)
 def _():
     return _measured("settling time")
 
 
-@PAPER.claim("noise at equal squared error, measured", "figure", printed="(the law of the noise rows)", long=True)
+@PAPER.claim("noise at equal squared error, measured", "figure", printed=OURS, long=True)
 def _():
     return _measured("squared error")
 
 
-@PAPER.claim("noise at equal spectral abscissa, measured", "figure", printed="(the law of the noise rows)", long=True)
+@PAPER.claim("noise at equal spectral abscissa, measured", "figure", printed=OURS, long=True)
 def _():
     return _measured("spectral abscissa")

@@ -8,11 +8,9 @@ from jaxobs.excitation import fading_gramians
 from jaxobs.excitation.gramian import pair_of
 from jaxobs.integrators import RK4, Field
 from jaxobs.observers import StepLyapunov
-from jaxobs.papers.claims import Statement
+from jaxobs.papers.claims import OURS, Statement
 from jaxobs.papers.p003.paper import PAPER
 from jaxobs.plants import GatedChain, IntegratorChain
-
-OURS = "not in the print"
 
 
 @PAPER.claim("cond(S) is grading", "figure", printed=OURS)
