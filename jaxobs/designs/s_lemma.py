@@ -11,8 +11,6 @@ Source: Boyd, El Ghaoui, Feron and Balakrishnan, Linear Matrix Inequalities in S
 S-procedure, the bounded real lemma, quadratic stability); the Hamiltonian test: Boyd, Balakrishnan and Kabamba, 1989.
 """
 
-from collections.abc import Callable
-
 import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
@@ -29,8 +27,6 @@ from jaxobs.plants import AbstractChain
 
 DEFAULT_EXCESS = 1.1  # gamma over the smallest certified one, when none is asked for
 ON_AXIS = 1e-7  # real parts below it count as zero: a double eigenvalue is good to the root of the machine precision
-
-Solve = Callable[[np.ndarray, float, NormBounded, int, float], tuple[np.ndarray, float] | None]
 
 
 def s_lemma(
