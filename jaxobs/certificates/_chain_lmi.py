@@ -51,6 +51,13 @@ def error_matrix(k: Sequence[Fraction], row: Sequence[Fraction]) -> exact.Matrix
     return f
 
 
+def between(p: exact.Matrix, nu: Fraction) -> bool:
+    """0 < P < nu I."""
+    return exact.is_positive_definite(p) and exact.is_positive_definite(
+        exact.subtract(exact.scale(nu, exact.identity(len(p))), p)
+    )
+
+
 def decrease(f: exact.Matrix, p: exact.Matrix, lam: Fraction) -> exact.Matrix:
     """-(F'P + P F) - lam I, which (31) asks to be positive definite."""
     pf = exact.product(p, f)

@@ -56,10 +56,7 @@ class HighGainLmi(AbstractCertificate):
         if k**2 < chain.constant_squared(self.lower, self.upper, self.j0, self.theta):
             return Verdict(False, {}, f"not certified: the constant {self.constant:.9g} is too small for the slopes, (30)")
         p = exact.matrix(self.p)
-        if not (
-            exact.is_positive_definite(p)
-            and exact.is_positive_definite(exact.subtract(exact.scale(nu, exact.identity(len(p))), p))
-        ):
+        if not chain.between(p, nu):
             return Verdict(False, {}, f"not certified: 0 < P < nu I fails for nu = {self.nu:.9g}")
         scaled = chain.scaled_gain(self.gain, self.theta)
         start = chain.decrease(chain.error_matrix(scaled, [Fraction(0)] * len(p)), p, lam)
