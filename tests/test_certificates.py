@@ -14,7 +14,7 @@ from oracles import certificate as oracle
 from oracles import polynomial, riccati
 
 from jaxobs import certificates
-from jaxobs.certificates import Condition5, base
+from jaxobs.certificates import Condition5, base, checker
 
 ALPHAS, GAMMA, RHO = (3.0, 2.0), 6.0, 1.5  # paper 000, (68)-(71): mu < 3.5620, nu > 1299.9..., the edge of rho is 1.5683
 
@@ -65,7 +65,7 @@ def compare_with_the_oracle(count, seed):
         c = mutated(random_certificate(rng), rng)
         verdict = c.verify()
         assert verdict.holds == judged(c), c
-        assert verdict.why.startswith("condition" if verdict.holds else "not certified")
+        assert verdict.why.startswith("holds" if verdict.holds else "not certified")
         counts[verdict.holds] += 1
     print(f"{count} mutations: {counts[True]} still true and accepted, {counts[False]} false and refused")
     assert min(counts.values()) > count / 20
@@ -74,10 +74,10 @@ def compare_with_the_oracle(count, seed):
 def test_a_true_claim_holds_with_its_margins():
     verdict = paper().verify()
     assert verdict
-    assert "condition (5) holds" in verdict.why
+    assert verdict.why == "holds for the stored model and bounds, in exact arithmetic"
     assert verdict.margins["largest_lipschitz"] == pytest.approx(1.568266599598, rel=1e-8)
     assert verdict.margins["decay_rate_of_V"] == pytest.approx(3.5620382 - 1.5 * 2.2713219, rel=1e-6)
-    assert "(44)" in dataclasses.replace(paper(), n=1, q=1).verify().why
+    assert dataclasses.replace(paper(), n=1, q=1).verify()
 
 
 @pytest.mark.parametrize(
@@ -85,19 +85,19 @@ def test_a_true_claim_holds_with_its_margins():
     [
         ({"mu": 3.5621}, "Q - mu P > 0 fails"),
         ({"nu": 1000.0}, "nu I - P > 0 fails"),
-        ({"nu": 1700.0}, "the margin is not positive"),
-        ({"mu": 3.0}, "the margin is not positive"),
-        ({"lipschitz": 1.5683}, "the margin is not positive"),
+        ({"nu": 1700.0}, "the margin must be positive"),
+        ({"mu": 3.0}, "the margin must be positive"),
+        ({"lipschitz": 1.5683}, "the margin must be positive"),
         ({"gamma": 5.7}, "Q - mu P > 0 fails"),
         ({"gamma": 6.3}, "nu I - P > 0 fails"),
-        ({"alphas": (1.0, 2.0)}, "condition (10) fails, q_1 = -3"),
-        ({"alphas": (-3.0, 2.0)}, "positive definite"),
+        ({"alphas": (1.0, 2.0)}, "condition (10), q_1 = -3 > 0, fails"),
+        ({"alphas": (-3.0, 2.0)}, "P > 0 fails"),
         ({"alphas": (3.0, 2.0, 1.0)}, "3 alphas for n = 2, q = 0"),
         ({"n": 0, "q": 2}, "n = 0"),
-        ({"lipschitz": 0.0}, "must be positive"),
-        ({"mu": -1.0}, "must be positive"),
-        ({"nu": float("inf")}, "not finite"),
-        ({"alphas": (float("nan"), 2.0)}, "not finite"),
+        ({"lipschitz": 0.0}, "positive gamma, Lipschitz constant"),
+        ({"mu": -1.0}, "mu and nu fails"),
+        ({"nu": float("inf")}, "nu (cannot convert"),
+        ({"alphas": (float("nan"), 2.0)}, "alphas (cannot convert NaN"),
     ],
 )
 def test_a_false_claim_is_refused_with_its_reason(changes, reason):
@@ -144,7 +144,7 @@ def written(path, changes=(), drop=(), resign=True):
             data |= {"claim": forged.claim, "assumptions": list(forged.assumptions)}
     data = {key: value for key, value in data.items() if key not in drop}
     if resign:
-        data["sha256"] = base.digest({key: value for key, value in data.items() if key != "sha256"})
+        data["sha256"] = checker.digest({key: value for key, value in data.items() if key != "sha256"})
     path.write_text(json.dumps(data), encoding="utf-8")
     return path
 
@@ -230,7 +230,7 @@ def test_ten_extreme_alphas_finish_quickly():
 def test_more_than_ten_alphas_are_refused_at_once():
     c = Condition5((1.0,) * 40, 1e200, 1.0, 40, 0, 1.0, 1.0)
     began = time.perf_counter()
-    assert "more than 10" in c.verify().why
+    assert "alphas (a size from 1 to 12) fails" in c.verify().why
     assert time.perf_counter() - began < 1
 
 

@@ -9,7 +9,7 @@ from chain_cases import BOUNDS, GAIN, plant
 from oracles import chain_lmi as oracle
 
 import jaxobs
-from jaxobs.certificates import StandardHighGain
+from jaxobs.certificates import HighGainLmi
 from jaxobs.designs import Infeasible, gridding, high_gain_lmi, smallest_theta, standard_high_gain
 from jaxobs.designs.chain_lmi import triangle_constant
 from jaxobs.integrators import RK4
@@ -57,7 +57,7 @@ def test_the_paper_constant_and_a_given_gain():
 
 def test_standard_high_gain_counts_what_f_does_not_depend_on():
     observer, proof = standard_high_gain(Pendulum(), bounds=[[-1.5, -0.5], [0.0, 0.0]])
-    assert isinstance(proof, StandardHighGain)
+    assert isinstance(proof, HighGainLmi)
     assert (proof.j0, proof.lower, proof.upper) == (1, (-1.5, 0.0), (-0.5, 0.0))
     assert proof.theta == pytest.approx(1.1 * oracle.smallest_theta_in_the_plane(1.5, 0.0, 1), rel=1e-5)
     assert oracle.holds_standard(proof)

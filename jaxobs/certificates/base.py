@@ -1,12 +1,12 @@
 """What a certificate is: stored numbers, and a verdict reached from them alone."""
 
-import abc
 import dataclasses
-import hashlib
 import json
 from os import PathLike
 from pathlib import Path
 from typing import Any, ClassVar
+
+from jaxobs.certificates import checker_more
 
 FORMAT = "jaxobs-cert/1"
 FloatMatrix = tuple[tuple[float, ...], ...]
@@ -29,40 +29,41 @@ class Verdict:
 
 
 @dataclasses.dataclass(frozen=True)
-class AbstractCertificate(abc.ABC):
-    """A claim about stored numbers. Subclasses add the numbers (floats, or tuples of them), claim, assumptions and verify.
+class AbstractCertificate:
+    """A claim about stored numbers: a subclass adds the theorem's name and its fields (floats, integers, text, tuples of them).
 
-    Claim and assumptions are sentences of the theorem, made from the numbers: a file cannot bring its own.
+    Claim, assumptions and verdict are those of `checker` and `checker_more`, which a stranger can run on the file without
+    jaxobs: sentences of the theorem made from the numbers, since a file cannot bring its own.
     """
 
     theorem: ClassVar[str]
 
     @property
-    @abc.abstractmethod
     def claim(self) -> str:
         """What is certified, with every number in full."""
+        return checker_more.statement(self.theorem, self._fields())["claim"]
 
     @property
-    @abc.abstractmethod
     def assumptions(self) -> tuple[str, ...]:
         """What is taken for granted."""
+        return tuple(checker_more.statement(self.theorem, self._fields())["assumptions"])
 
-    @abc.abstractmethod
     def verify(self) -> Verdict:
         """Decides the claim on the stored numbers only, in exact rational arithmetic; no solver, no rounding."""
+        found = checker_more.check(self.to_dict())
+        return Verdict(found["holds"], found["margins"], found["why"])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data: floats as hex strings (exact), and the SHA-256 of everything else in canonical form."""
         body = {"format": FORMAT, "theorem": self.theorem, "claim": self.claim, "assumptions": list(self.assumptions)}
-        body |= {field.name: _encode(getattr(self, field.name)) for field in dataclasses.fields(self)}
-        return body | {"sha256": digest(body)}
+        body |= {name: _encode(value) for name, value in self._fields().items()}
+        return body | {"sha256": checker_more.digest(body)}
 
     def to_json(self, path: str | PathLike[str]) -> None:
         Path(path).write_text(json.dumps(self.to_dict(), indent=2) + "\n", encoding="utf-8")
 
-
-def digest(body: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(body, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    def _fields(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 
 
 def _encode(value: Any) -> Any:

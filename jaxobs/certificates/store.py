@@ -7,36 +7,38 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from jaxobs.certificates.base import FORMAT, AbstractCertificate, decode, digest
+from jaxobs.certificates.base import FORMAT, AbstractCertificate, decode
+from jaxobs.certificates.checker_more import digest
 from jaxobs.certificates.condition5 import Condition5
 from jaxobs.certificates.corners import Corners, StepCorners
-from jaxobs.certificates.euler_model import EulerModel
 from jaxobs.certificates.frozen_instability import FrozenInstability
+from jaxobs.certificates.h2 import H2Level
 from jaxobs.certificates.high_gain_lmi import HighGainLmi
-from jaxobs.certificates.linear_error import LinearError
+from jaxobs.certificates.l2 import L2Level
+from jaxobs.certificates.mismatch import Mismatch
 from jaxobs.certificates.no_common_quadratic import NoCommonQuadratic
 from jaxobs.certificates.no_high_gain_lmi import NoHighGainLmi
-from jaxobs.certificates.s_lemma import SLemma
-from jaxobs.certificates.standard_high_gain import StandardHighGain
+from jaxobs.certificates.regional import Regional
+from jaxobs.certificates.sampled import Sampled, SampledTube
 from jaxobs.certificates.switching_instability import SwitchingInstability
-from jaxobs.certificates.triangular_gain import TriangularGain
 
 THEOREMS: dict[str, type[AbstractCertificate]] = {
     kind.theorem: kind
     for kind in (
         Condition5,
         Corners,
-        EulerModel,
         FrozenInstability,
+        H2Level,
         HighGainLmi,
-        LinearError,
+        L2Level,
+        Mismatch,
         NoCommonQuadratic,
         NoHighGainLmi,
-        SLemma,
-        StandardHighGain,
+        Regional,
+        Sampled,
+        SampledTube,
         StepCorners,
         SwitchingInstability,
-        TriangularGain,
     )
 }
 
@@ -52,8 +54,7 @@ def load(path: str | PathLike[str]) -> AbstractCertificate:
         raise ValueError(f"{path}: given text that is not JSON ({error}); expected a {FORMAT} file") from error
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise ValueError(f"{path}: given no {FORMAT} file; expected one written by Certificate.to_json")
-    body = {key: value for key, value in data.items() if key != "sha256"}
-    if data.get("sha256") != digest(body):
+    if data.get("sha256") != digest(data):
         raise ValueError(f"{path}: given contents that do not match their SHA-256; expected an undamaged file")
     kind = THEOREMS.get(str(data.get("theorem")))
     if kind is None:

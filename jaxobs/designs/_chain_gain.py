@@ -2,6 +2,7 @@
 
 import warnings
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from jaxobs import hurwitz
 from jaxobs._module import Numbers, refuse
 from jaxobs.certificates import exact
 from jaxobs.designs.infeasible import Infeasible
+from jaxobs.designs.norm_bounded import NormBounded
 
 LARGEST_GAIN = 1e6
 
@@ -59,3 +61,17 @@ def metric(owner: str, alphas: np.ndarray) -> np.ndarray:
 def as_rows(x: np.ndarray) -> tuple[tuple[float, ...], ...]:
     """A matrix as a certificate stores it."""
     return tuple(tuple(float(entry) for entry in row) for row in x)
+
+
+def chain_error(gain: np.ndarray, *, slope: NormBounded | None = None, q: int = 0, dt: float | None = None) -> dict[str, Any]:
+    """The fields of a Corners certificate for e' = (A - L C + M Delta N) e behind q integrators; with dt those of StepCorners,
+    for e+ = (I + dt A - L C + dt M Delta N) e, dt M rounded away from zero."""
+    size = len(gain)
+    a = np.eye(size, k=1) if dt is None else np.eye(size) + dt * np.eye(size, k=1)
+    none = np.zeros((size, 0))
+    fields = {"a": a, "b": none, "c": none.T, "output": np.eye(1, size), "gain": np.asarray(gain, float)[:, None]}
+    if slope is not None:
+        m, n = slope.behind(q)
+        fields["left"] = m if dt is None else np.where(m == 0, 0.0, np.nextafter(dt * m, np.copysign(np.inf, m)))
+        fields["right"] = n
+    return {name: as_rows(value) for name, value in fields.items()} | {"lower": (), "upper": ()}

@@ -17,9 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxobs._module import Numbers, dtype_of, refuse, require_integer
-from jaxobs.certificates import EulerModel
+from jaxobs.certificates import StepCorners
 from jaxobs.designs import sdp
-from jaxobs.designs._chain_gain import as_rows, metric, require_alphas, require_positive, warn_large_gain
+from jaxobs.designs._chain_gain import as_rows, chain_error, metric, require_alphas, require_positive, warn_large_gain
 from jaxobs.designs._euler_lmi import Coordinates, attempt
 from jaxobs.designs._multiplier import best_multiplier
 from jaxobs.designs.infeasible import Infeasible
@@ -48,7 +48,7 @@ class Period:
 
 def euler_riccati(
     plant: AbstractChain, *, alphas: Numbers, gamma: float, dt: float, slope: NormBounded, q: int = 0
-) -> tuple[StepObserver, EulerModel]:
+) -> tuple[StepObserver, StepCorners]:
     """(63): L = dt P(gamma) C', that is l_i = dt alphas_i gamma^i; X = P(gamma)^-1 / dt, and tau the best multiplier.
 
     alphas (n + q,) with (10), gamma [1/s], dt [s]. Infeasible, with the largest period in `best`, where no tau will do.
@@ -73,7 +73,7 @@ def euler_riccati(
 
 def euler_tied(
     plant: AbstractChain, *, dt: float, slope: NormBounded, q: int = 0, unit: float | None = None, factor: float = 1.0
-) -> tuple[StepObserver, EulerModel]:
+) -> tuple[StepObserver, StepCorners]:
     """(62) as printed: L = X^-1 C', so that X K = X + dt X A - C'C, for the X of the largest margin:
 
         [factor^2 X - epsilon N'N,  -(X + dt X A - C'C)',  0;  *,  X,  -dt X M;  0,  *,  epsilon I] > 0.
@@ -90,7 +90,7 @@ def euler_tied(
 
 def euler_free(
     plant: AbstractChain, *, dt: float, slope: NormBounded, q: int = 0, unit: float | None = None, factor: float = 1.0
-) -> tuple[StepObserver, EulerModel]:
+) -> tuple[StepObserver, StepCorners]:
     """(62) with the gain set free, L = X^-1 Y: Y = X L (N, 1) is an unknown of its own in place of C',
 
         [factor^2 X - epsilon N'N,  -(X + dt X A - Y C)',  0;  *,  X,  -dt X M;  0,  *,  epsilon I] > 0,
@@ -176,7 +176,7 @@ def _largest(name: str, slope: NormBounded, q: int) -> Period:
 
 def _designed(
     name: str, plant: AbstractChain, dt: float, slope: NormBounded, q: int, unit: float | None, factor: float
-) -> tuple[StepObserver, EulerModel]:
+) -> tuple[StepObserver, StepCorners]:
     require_plant(name, plant, slope)
     require_integer(name, "q", q, 0, "It counts the integrators between innovation and injection.")
     require_positive(name, "dt", dt, "It is the sampling period in seconds.")
@@ -197,7 +197,7 @@ def _designed(
     raise Infeasible(reason, min(one.margin, 0.0), change, best=largest, tried=(f"(62), {gain}",))
 
 
-def _proved(name, plant, gain, dt, slope, q, x, epsilon, factor) -> tuple[StepObserver, EulerModel] | None:
+def _proved(name, plant, gain, dt, slope, q, x, epsilon, factor) -> tuple[StepObserver, StepCorners] | None:
     """The observer in the plant's precision, and the certificate of the floats it carries if the exact check accepts it."""
     dtype = dtype_of(plant)
     gain, period = jnp.asarray(gain, dtype), jnp.asarray(dt, dtype)
@@ -206,10 +206,9 @@ def _proved(name, plant, gain, dt, slope, q, x, epsilon, factor) -> tuple[StepOb
     else:
         observer = StepIntegral(plant, gain, period, q)
     carried = np.asarray(gain, float)
-    certificate = EulerModel(
-        n=slope.n, q=q, gain=tuple(carried.tolist()), dt=float(period), left=as_rows(slope.left), right=as_rows(slope.right),
-        x=as_rows(x), epsilon=float(epsilon), factor=float(factor), origin=slope.origin,
-    )  # fmt: skip
+    origin = f"{slope.origin}; F is the error of the Euler model with dt = {float(period)!r}, not of the plant itself"
+    fields = chain_error(carried, slope=slope, q=q, dt=float(period))
+    certificate = StepCorners(**fields, p=as_rows(x), tau=float(epsilon), factor=float(factor), origin=origin)
     if not certificate.verify():
         return None
     warn_large_gain(name, carried)

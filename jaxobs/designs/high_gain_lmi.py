@@ -1,5 +1,6 @@
 """High-gain observers of a chain by linear matrix inequalities: standard, and with the last j0 slopes by corners (HG/LMI)."""
 
+import dataclasses
 import itertools
 from typing import Any
 
@@ -7,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxobs._module import dtype_of, refuse, require_nonnegative
-from jaxobs.certificates import HighGainLmi, StandardHighGain
+from jaxobs.certificates import HighGainLmi
 from jaxobs.designs import sdp
 from jaxobs.designs.chain_lmi import (
     corners,
@@ -88,11 +89,11 @@ def design_at(
 
 def standard_high_gain(
     plant: AbstractChain, *, bounds: Any, theta: float | None = None, constant: float | None = None
-) -> tuple[Luenberger, StandardHighGain]:
+) -> tuple[Luenberger, HighGainLmi]:
     """The standard high-gain observer, (15)-(16), and where f does not depend on the last j0 states (19)-(20) of paper 002.
 
-    j0 is the number of bounds [0, 0] at the end (theorem 3.2; none: theorem 2.1). Arguments as in `high_gain_lmi`, but the
-    bounds need not contain 0.
+    j0 is the number of bounds [0, 0] at the end (theorem 3.2; none: theorem 2.1); then (31)-(32), which is certified, has one
+    corner and is (19)-(20). Arguments as in `high_gain_lmi`, but the bounds need not contain 0.
     """
     owner = "standard_high_gain"
     require_chain(owner, plant)
@@ -102,9 +103,7 @@ def standard_high_gain(
     wide = np.stack([-np.abs(pairs).max(axis=1), np.abs(pairs).max(axis=1)], axis=1)  # only their size matters
     observer, found = high_gain_lmi(plant, bounds=wide, j0=j0, theta=theta, constant=constant)
     lower, upper = (tuple(map(float, side)) for side in pairs.T)
-    shared = {name: getattr(found, name) for name in ("gain", "theta", "j0", "constant", "p", "lam", "nu")}
-    certificate = StandardHighGain(lower=lower, upper=upper, **shared)
-    return observer, certificate
+    return observer, dataclasses.replace(found, lower=lower, upper=upper, sigma=found.theta)
 
 
 def require_chain(owner: str, plant: Any) -> None:

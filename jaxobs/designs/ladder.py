@@ -8,9 +8,9 @@ import numpy as np
 import scipy.linalg
 
 from jaxobs._module import Numbers, refuse, require_integer
-from jaxobs.certificates import AbstractCertificate, LinearError
+from jaxobs.certificates import AbstractCertificate, Corners
 from jaxobs.designs import corner_lmi, sdp
-from jaxobs.designs._chain_gain import LargeGain, as_rows, require_alphas, require_positive
+from jaxobs.designs._chain_gain import LargeGain, as_rows, chain_error, require_alphas, require_positive
 from jaxobs.designs.infeasible import Infeasible
 from jaxobs.designs.norm_bounded import (
     NormBounded,
@@ -183,7 +183,8 @@ def _output_injection(plant, a, states, gamma, q) -> Rung:
     x = scipy.linalg.solve_continuous_lyapunov(k.T, -np.eye(size))
     s = scale ** -np.arange(size, dtype=float)
     gain = a * scale ** np.arange(1.0, size + 1)
-    certificate = LinearError(size, tuple(gain.tolist()), as_rows((x + x.T) / 2 * np.outer(s, s)))
+    origin = "none needed: phi knows y alone and is evaluated at the measured y, so that the error is linear"
+    certificate = Corners(**chain_error(gain), p=as_rows((x + x.T) / 2 * np.outer(s, s)), rate=0.0, origin=origin)
     return Rung(name, needs, 0.0, scale, certificate) if certificate.verify() else Rung(name, needs, 0.0, None, None)
 
 

@@ -16,8 +16,8 @@ import numpy as np
 import scipy.linalg
 
 from jaxobs._module import Numbers, dtype_of, refuse
-from jaxobs.certificates import SLemma
-from jaxobs.designs._chain_gain import as_rows, metric, require_alphas, require_positive, warn_large_gain
+from jaxobs.certificates import Corners
+from jaxobs.designs._chain_gain import as_rows, chain_error, metric, require_alphas, require_positive, warn_large_gain
 from jaxobs.designs._euler_lmi import Coordinates
 from jaxobs.designs._multiplier import best_multiplier
 from jaxobs.designs.infeasible import Infeasible
@@ -31,7 +31,7 @@ ON_AXIS = 1e-7  # real parts below it count as zero: a double eigenvalue is good
 
 def s_lemma(
     plant: AbstractChain, *, alphas: Numbers, slope: NormBounded, gamma: float | None = None, q: int = 0, rate: float = 0.0
-) -> tuple[HighGain | IntegralHighGain, SLemma]:
+) -> tuple[HighGain | IntegralHighGain, Corners]:
     """The observer with L_i = alphas_i gamma^i, and X > 0, tau > 0 that prove |e(t)| <= sqrt(cond X) e^{-rate t} |e(0)|:
 
         [-K'X - X K - 2 rate X - tau N'N,  -X M;  -M'X,  tau I] > 0,      K = A - L C,
@@ -50,7 +50,7 @@ def s_lemma(
 
 def s_lemma_riccati(
     plant: AbstractChain, *, alphas: Numbers, slope: NormBounded, gamma: float | None = None, q: int = 0, rate: float = 0.0
-) -> tuple[HighGain | IntegralHighGain, SLemma]:
+) -> tuple[HighGain | IntegralHighGain, Corners]:
     """The inequality of s_lemma with X = P(gamma)^-1 of condition (5), and tau > 0 alone sought:
 
         A P + P A' - P C'C P + Q = 0,      P(gamma) C' = (alphas_i gamma^i)      (paper 000, (6)).
@@ -98,10 +98,9 @@ def _designed(name, plant, alphas, slope, gamma, q, rate):
     gain = np.asarray(observer.gain(), float)
     for found in _solutions(name, np.asarray(coefficients, float), float(scale), slope, q, rate):
         x, tau = found
-        certificate = SLemma(
-            n=slope.n, q=q, gain=tuple(gain.tolist()), left=as_rows(slope.left), right=as_rows(slope.right),
-            x=as_rows(x), tau=float(tau), rate=float(rate), origin=slope.origin,
-        )  # fmt: skip
+        certificate = Corners(
+            **chain_error(gain, slope=slope, q=q), p=as_rows(x), tau=float(tau), rate=float(rate), origin=slope.origin
+        )
         if certificate.verify():
             warn_large_gain(name, gain)
             return observer, certificate

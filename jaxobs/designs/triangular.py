@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxobs._module import Numbers, dtype_of, refuse
-from jaxobs.certificates import TriangularGain
+from jaxobs.certificates import Corners
 from jaxobs.designs import corner_lmi
 from jaxobs.designs.infeasible import Infeasible
 from jaxobs.designs.lemma1 import as_tuples, bounds_of, lemma1
@@ -28,7 +28,7 @@ def triangular(
     rate: float = 0.0,
     gain: Numbers | None = None,
     origin: str = "given",
-) -> tuple[Luenberger, TriangularGain]:
+) -> tuple[Luenberger, Corners]:
     """z' = f(z, u) + L (y - z_1) with L = diag(theta^i) K, K of lemma 1, and the proof of theorem 1 (paper 003, (3) and (7)).
 
     couplings: (lowest, highest) of each a_i(u), (n - 1,) both; left out for a chain, where they are 1. slopes: bounds of
@@ -63,11 +63,9 @@ def triangular(
         p = np.asarray(corner_lmi.prove(model, k[:, None]).p)
     weights = np.sqrt(np.outer(1 / np.diag(p), np.diag(np.linalg.inv(p))))  # both terms alike in the norm of P
 
-    def proposed(scale: float) -> TriangularGain:
+    def proposed(scale: float) -> Corners:
         own = np.asarray(jnp.asarray(scale ** np.arange(1, n + 1) * k, dtype_of(plant)), float)
-        return TriangularGain(
-            *(as_tuples(v) for v in (low, high, bounds, own, p, weights)), theta=float(scale), rate=float(rate), origin=origin
-        )
+        return _error(low, high, bounds, own, p, weights, scale, rate, origin)
 
     smallest = _smallest(proposed)
     if theta is not None and not (isinstance(theta, (int, float, np.number)) and math.isfinite(theta) and theta > 0):
@@ -80,7 +78,27 @@ def triangular(
         reason = f"theta = {chosen:g} is not certified for these slopes, couplings and rate"
         change = "Give smaller slopes." if smallest is None else f"theta = {smallest:.6g} is."
         raise Infeasible(reason, chosen - (smallest or math.inf), change, best=smallest)
-    return Luenberger(plant, jnp.asarray(certificate.gain, dtype_of(plant))[:, None]), certificate
+    return Luenberger(plant, jnp.asarray(certificate.gain, dtype_of(plant))), certificate
+
+
+def _error(low, high, slopes, gain, p, weights, theta, rate, origin) -> Corners:
+    """The claim on e' = (A(a) + N - L C) e: couplings a_i by corners, the |N_ij| <= slopes_ij, j <= i, by multipliers. In the
+
+    coordinates eps_i = e_i / theta^i, beta_ij = slopes_ij theta^{j-i} and with weights w_ij > 0 (theorem 1 of paper 003)
+
+        -(M'P + P M) - 2 rate P - sum_{j <= i} beta_ij (w_ij p_i p_i' + e_j e_j' / w_ij) > 0:
+
+    that of Corners for T P T, T = diag(theta^-i), with tau_ij = theta^{-2i} / (beta_ij w_ij), completed to squares."""
+    n = len(gain)
+    i, j = np.nonzero(slopes)
+    t = theta ** -np.arange(1.0, n + 1)
+    identity = np.eye(n)
+    taus = t[i] ** 2 / (slopes[i, j] * theta ** (j - i * 1.0) * weights[i, j])
+    b, c = np.hstack([identity[:, : n - 1], identity[:, i]]), np.vstack([identity[1:], identity[j]])
+    lower, upper = np.concatenate([low, -slopes[i, j]]), np.concatenate([high, slopes[i, j]])
+    fields = {"a": np.zeros((n, n)), "b": b, "c": c, "lower": lower, "upper": upper, "output": identity[:1],
+              "gain": gain[:, None], "p": p * np.outer(t, t), "taus": np.concatenate([np.zeros(n - 1), taus])}  # fmt: skip
+    return Corners(**{name: as_tuples(value) for name, value in fields.items()}, rate=float(rate), origin=origin)
 
 
 def _smallest(proposed) -> float | None:

@@ -79,16 +79,10 @@ def holds(c, corners):
 
 
 def holds_hg_lmi(c):
-    if not (0 < c.sigma <= c.theta and all(lo <= 0 <= hi for lo, hi in zip(c.lower, c.upper, strict=True))):
+    last = [*zip(c.lower, c.upper, strict=True)][len(c.lower) - c.j0 :]
+    if not (0 < c.sigma <= c.theta and all(lo <= 0 <= hi for lo, hi in last)):
         return False
     return holds(c, box(c.lower, c.upper, c.j0, c.sigma))
-
-
-def holds_standard(c):
-    last = len(c.lower) - c.j0
-    if any((*c.lower[last:], *c.upper[last:])) or any(lo > hi for lo, hi in zip(c.lower, c.upper, strict=True)):
-        return False
-    return holds(c, [[flint.fmpq(0)] * len(c.lower)])
 
 
 def refutes(c):

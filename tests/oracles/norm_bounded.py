@@ -12,16 +12,9 @@ def _matrix(rows):
     return flint.fmpq_mat(len(rows), len(rows[0]), [rational(x) for row in rows for x in row])
 
 
-def _parts(n, q, gain, left, right):
-    """(K - I or A - L C, M, N) of the chain behind q integrators, exactly."""
-    size = n + q
-    k = flint.fmpq_mat(size, size)
-    for i in range(size - 1):
-        k[i, i + 1] = 1
-    gains = flint.fmpq_mat(size, size)
-    for i in range(size):
-        gains[i, 0] = rational(gain[i])
-    return k, gains, _matrix([[0.0] * len(left[0])] * q + [*left]), _matrix([[0.0] * q + [*row] for row in right])
+def _closed(c):
+    """(a - L output, M, N), exactly."""
+    return _matrix(c.a) - _matrix(c.gain) * _matrix(c.output), _matrix(c.left), _matrix(c.right)
 
 
 def _listed(matrix):
@@ -34,29 +27,25 @@ def _positive(matrix):
 
 
 def s_lemma_holds(c):
-    """S - tau N'N - X M M'X / tau > 0 with S = -(K'X + X K) - 2 rate X, for the floats of a certificate."""
-    a, gains, m, n = _parts(c.n, c.q, c.gain, c.left, c.right)
-    x, tau, k = _matrix(c.x), rational(c.tau), a - gains
-    if not (tau > 0 and rational(c.rate) >= 0 and _positive(x)):
+    """S - tau N'N - P M M'P / tau > 0 with S = -(K'P + P K) - 2 rate P, for the floats of a certificate without channels."""
+    k, m, n = _closed(c)
+    p, tau = _matrix(c.p), rational(c.tau)
+    if not (tau > 0 and rational(c.rate) >= 0 and _positive(p)):
         return False
-    s = -1 * (k.transpose() * x + x * k) - x * (2 * rational(c.rate))
-    return _positive(s - n.transpose() * n * tau - x * m * m.transpose() * x * (1 / tau))
+    s = -1 * (k.transpose() * p + p * k) - p * (2 * rational(c.rate))
+    return _positive(s - n.transpose() * n * tau - p * m * m.transpose() * p * (1 / tau))
 
 
 def euler_model_holds(c):
-    """f^2 X - epsilon N'N - K'X R^-1 X K > 0 with R = X - dt^2 X M M'X / epsilon > 0, for the floats of a certificate."""
-    a, gains, m, n = _parts(c.n, c.q, c.gain, c.left, c.right)
-    x, dt, epsilon, factor = _matrix(c.x), rational(c.dt), rational(c.epsilon), rational(c.factor)
-    if not (dt > 0 and epsilon > 0 and 0 < factor <= 1 and _positive(x)):
+    """f^2 P - tau N'N - K'P R^-1 P K > 0 with R = P - P M M'P / tau > 0, for the floats of a certificate without channels."""
+    k, m, n = _closed(c)
+    p, tau, factor = _matrix(c.p), rational(c.tau), rational(c.factor)
+    if not (tau > 0 and 0 < factor <= 1 and _positive(p)):
         return False
-    one = flint.fmpq_mat(a.nrows(), a.nrows())
-    for i in range(a.nrows()):
-        one[i, i] = 1
-    k = one + a * dt - gains
-    rest = x - x * m * m.transpose() * x * (dt * dt / epsilon)
+    rest = p - p * m * m.transpose() * p * (1 / tau)
     if not _positive(rest):
         return False
-    return _positive(x * (factor * factor) - n.transpose() * n * epsilon - k.transpose() * x * rest.inv() * x * k)
+    return _positive(p * (factor * factor) - n.transpose() * n * tau - k.transpose() * p * rest.inv() * p * k)
 
 
 def bisect(holds, low, high):

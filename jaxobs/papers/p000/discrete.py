@@ -5,7 +5,7 @@ from fractions import Fraction
 import jax.numpy as jnp
 import numpy as np
 
-from jaxobs.certificates import EulerModel, exact
+from jaxobs.certificates import StepCorners, exact
 from jaxobs.designs import (
     NormBounded,
     euler_free_period,
@@ -13,6 +13,7 @@ from jaxobs.designs import (
     euler_riccati_period,
     euler_tied_period,
 )
+from jaxobs.designs._chain_gain import as_rows, chain_error
 from jaxobs.papers.claims import Bound, Point, Statement, Value
 from jaxobs.papers.p000 import experiment
 from jaxobs.papers.p000.paper import PAPER
@@ -39,14 +40,10 @@ def riccati_gain(delta: float) -> np.ndarray:
     return delta * np.asarray(experiment.ALPHAS) * experiment.GAMMA ** np.arange(1.0, 3.0)
 
 
-def _rows(x: np.ndarray) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(float(v) for v in row) for row in x)
-
-
-def euler_model(gain: np.ndarray, delta: float, x: np.ndarray, epsilon: float) -> EulerModel:
+def euler_model(gain: np.ndarray, delta: float, x: np.ndarray, epsilon: float) -> StepCorners:
     """(62) for a gain, a period, X and epsilon, to be decided exactly."""
-    left, right, x = _rows(SLOPE.left), _rows(SLOPE.right), (x + x.T) / 2
-    return EulerModel(2, 0, tuple(float(v) for v in gain), delta, left, right, _rows(x), epsilon, origin=SLOPE.origin)
+    fields = chain_error(gain, slope=SLOPE, dt=delta)
+    return StepCorners(**fields, p=as_rows((x + x.T) / 2), tau=epsilon, factor=1.0, origin=SLOPE.origin)
 
 
 @PAPER.claim(
@@ -182,10 +179,10 @@ def _():
     _, certificate = euler_riccati(Pendulum(), alphas=experiment.ALPHAS, gamma=experiment.GAMMA, dt=LARGEST_63, slope=SLOPE)
     verdict = certificate.verify()
     why = (
-        f"(63) is (62) with X = P^-1 / delta; at delta = {LARGEST_63:g} with tau = {certificate.epsilon:.5g}, exactly. It says "
+        f"(63) is (62) with X = P^-1 / delta; at delta = {LARGEST_63:g} with tau = {certificate.tau:.5g}, exactly. It says "
         "nothing about the plant that the Euler model replaces"
     )
-    return Statement(verdict.holds, certificate.epsilon, why)
+    return Statement(verdict.holds, certificate.tau, why)
 
 
 @PAPER.claim("(63) point, delta = 0.0915", "feasible", printed="tau = 0.0347")
