@@ -112,13 +112,13 @@ def test_certificates_travel_and_do_not_hold_for_other_numbers(tmp_path):
 @pytest.mark.parametrize(
     ("change", "why"),
     [
-        ({"rho": (3.0,)}, "does not lie within the bounds"),
-        ({"rho": (1.0, 1.0)}, "does not lie within the bounds"),
-        ({"step": 2}, "step = 2"),
-        ({"gain": ((1.0,),)}, "gain is not of shape"),
-        ({"a": ((float("nan"), 1.0), (0.0, 0.0))}, "not finite"),
-        ({"tied": (0, 0)}, "2 ties for 1 channels"),
-        ({"upper": ()}, "bounds are not finite numbers"),
+        ({"rho": (3.0,)}, "the box containing rho fails"),
+        ({"rho": (1.0, 1.0)}, "rho: its size does not fit"),
+        ({"step": 2}, "step 0 or 1 fails"),
+        ({"gain": ((1.0,),)}, "gain: its size does not fit"),
+        ({"a": ((float("nan"), 1.0), (0.0, 0.0))}, "a: cannot convert NaN"),
+        ({"tied": (0, 0)}, "tied: 2 numbers for 1 channels"),
+        ({"upper": ()}, "upper: its size does not fit"),
     ],
 )
 def test_malformed_certificates_are_not_shown(change, why):

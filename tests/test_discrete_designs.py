@@ -233,12 +233,12 @@ def test_mutated_certificates_are_accepted_exactly_when_true():
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"gain": ((1.0,),)}, "gain (that its size"),
-        ({"gain": ((float("nan"),), (1.0,))}, "gain (cannot convert NaN"),
-        ({"p": ((1.0, 0.0),)}, "p (that its size"),
-        ({"p": ((1.0, 0.0), (0.0,))}, "p (that its size"),
+        ({"gain": ((1.0,),)}, "gain: its size"),
+        ({"gain": ((float("nan"),), (1.0,))}, "gain: cannot convert NaN"),
+        ({"p": ((1.0, 0.0),)}, "p: its size"),
+        ({"p": ((1.0, 0.0), (0.0,))}, "p: its size"),
         ({"p": ((1.0, 0.0), (0.0, -1.0))}, "P > 0 fails"),
-        ({"left": ((1.0,),)}, "left (that its size"),
+        ({"left": ((1.0,),)}, "left: its size"),
         ({"tau": 0.0}, "the decrease of e'P e"),
         ({"tau": -1.0}, "the multipliers >= 0"),
         ({"factor": 1.5}, "0 < factor <= 1"),

@@ -48,11 +48,11 @@ def test_proofs_survive_a_file(tmp_path):
         ({"lam": 0.5}, "(31), at the corner"),
         ({"lam": -1.0}, "lambda, nu > 0"),
         ({"gain": (1.0, 1.0, 1.0)}, "(31), at the corner"),
-        ({"gain": (1.0, 1.0)}, "(that its size fits the others) fails"),
-        ({"gain": (1.0, 1.0, float("nan"))}, "gain (cannot convert NaN"),
-        ({"p": ((1.0, 0.0), (0.0, 1.0))}, "p (that its size fits the others) fails"),
+        ({"gain": (1.0, 1.0)}, "its size does not fit"),
+        ({"gain": (1.0, 1.0, float("nan"))}, "gain: cannot convert NaN"),
+        ({"p": ((1.0, 0.0), (0.0, 1.0))}, "p: its size does not fit"),
         ({"p": ((1.0, 0.1, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))}, "P > 0 fails"),
-        ({"lower": (-1.0,) * 11}, "lower (that its size"),
+        ({"lower": (-1.0,) * 11}, "lower: its size"),
     ],
 )
 def test_false_claims_are_refused_with_their_reason(changes, reason):

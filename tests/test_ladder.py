@@ -157,7 +157,7 @@ def test_certificates_travel_and_false_ones_are_refused(tmp_path, rungs):
         ("structure", {"tau": -1.0}, "the multipliers >= 0"),
         ("structure", {"rate": 5.0}, "the decrease of e'P e"),
         ("structure", {"right": ((9.0, 0.0),)}, "the decrease of e'P e"),
-        ("structure", {"gain": ((1.0,), (2.0,), (3.0,))}, "gain (that its size"),
+        ("structure", {"gain": ((1.0,), (2.0,), (3.0,))}, "gain: its size"),
         ("output injection", {"gain": ((-1.0,), (2.0,))}, "the decrease of e'P e"),
         ("output injection", {"p": ((1.0, 0.0), (0.0, -1.0))}, "P > 0 fails"),
         ("output injection", {"rate": 2.0}, "the decrease of e'P e"),

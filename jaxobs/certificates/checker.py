@@ -47,7 +47,7 @@ def cleared(m):
 def short(rows, size, count=1):
     """A hostile file must not keep the check busy."""
     if count * size**3 * (size * max(abs(x).bit_length() for row in rows for x in row) + 2e3) ** 1.6 > MOST_WORK:
-        raise Refused("numbers of so many digits would take minutes: that the check is short")
+        raise Refused("numbers of so many digits would take minutes")
 
 def pivots(m, semi=False):
     """The leading minors of a symmetric matrix times positive numbers, up to the first that is not positive: fraction-free
@@ -179,8 +179,8 @@ def decoded(value, dims, sizes):
     """The floats of a field, nested as its dimensions say."""
     if not dims: return float.fromhex(value)
     if type(value) is not list or sizes.setdefault(dims[0], len(value)) != len(value):
-        raise Refused("that its size fits the others")
-    if not (dims[0] != "r") <= len(value) <= MOST.get(dims[0], 12): raise Refused(f"a size from 1 to {MOST.get(dims[0], 12)}")
+        raise Refused("its size does not fit the others")
+    if not (dims[0] != "r") <= len(value) <= MOST.get(dims[0], 12): raise Refused(f"{len(value)} entries, expected 1 to {MOST.get(dims[0], 12)}")
     return tuple(decoded(x, dims[1:], sizes) for x in value)
 
 def field(value, kind, sizes):
@@ -198,11 +198,12 @@ def parsed(kinds, data):
     shown, d, sizes = {}, {"lower": [], "upper": [], "tied": []}, {}
     for name, kind in kinds:
         try: shown[name], d[name] = field(data[name], kind, sizes)
-        except (*ERRORS, Refused) as error: raise Refused(f"{name} ({error!s:.80})") from error
+        except (*ERRORS, Refused) as error: raise Refused(f"{name}: {error!s:.80}") from error
     tied = d["tied"] or [*range(len(d["lower"]))]
-    bounds = [*zip(d["lower"], d["upper"], strict=True)]
-    if any(not (lo <= hi and (lo, hi) == bounds[tied.index(name)]) for (lo, hi), name in zip(bounds, tied, strict=True)):
-        raise Refused("lower <= upper, the same for tied channels,")
+    if len(tied) != len(d["lower"]): raise Refused(f"tied: {len(tied)} numbers for {len(d['lower'])} channels")
+    bounds = [*zip(d["lower"], d["upper"])]
+    if any(not (lo <= hi and (lo, hi) == bounds[tied.index(name)]) for (lo, hi), name in zip(bounds, tied)):
+        raise Refused("lower <= upper, the same for tied channels, fails")
     return shown, SimpleNamespace(margins={}, **d)
 
 def statement(name, shown):
@@ -218,16 +219,16 @@ def check(data):
     """{"holds", "why", "margins", "claim", "assumptions"} for a certificate as JSON gives it."""
     found, d = {"holds": False, "claim": "", "assumptions": []}, SimpleNamespace(margins={})
     try:
-        if type(data) is not dict or data.get("format") != "jaxobs-cert/1": raise Refused("format jaxobs-cert/1")
-        if data["theorem"] not in THEOREMS: raise Refused(f"theorem {data['theorem']!r:.40}, one of {', '.join(THEOREMS)},")
-        if data["sha256"] != digest(data): raise Refused("agreement with the SHA-256")
+        if type(data) is not dict or data.get("format") != "jaxobs-cert/1": raise Refused("the format is not jaxobs-cert/1")
+        if data["theorem"] not in THEOREMS: raise Refused(f"theorem {data['theorem']!r:.40} is none of {', '.join(THEOREMS)}")
+        if data["sha256"] != digest(data): raise Refused("the contents do not match their SHA-256")
         shown, d = parsed(THEOREMS[data["theorem"]].kinds, data)
         found |= statement(data["theorem"], shown)
-        if any(data[key] != found[key] for key in ("claim", "assumptions")): raise Refused("the theorem's own wording")
+        if any(data[key] != found[key] for key in ("claim", "assumptions")): raise Refused("claim or assumptions are not the theorem's")
         for what, truth in THEOREMS[data["theorem"]].builder(d):
-            if not (truth if isinstance(truth, bool) else definite(truth)): raise Refused(what)
+            if not (truth if isinstance(truth, bool) else definite(truth)): raise Refused(f"{what} fails")
         found |= {"holds": True, "why": "holds for the stored model and bounds, in exact arithmetic"}
-    except Refused as error: found["why"] = f"not certified: {error} fails"
+    except Refused as error: found["why"] = f"not certified: {error}"
     except ERRORS as error: found["why"] = f"not certified: malformed, {type(error).__name__}: {error!s:.80}"
     return found | {"margins": {key: real(value) for key, value in d.margins.items()}}
 

@@ -188,6 +188,8 @@ def _proved(model, switching: Switching, closed: np.ndarray, box: dict[str, Any]
         factor = closed[k] if step else scipy.linalg.expm(closed[k] * time)
         period = factor @ period
     points = tuple(_tuples(model.parameters()[k]) for k in switching.word)
+    _, (scale, _) = scipy.linalg.matrix_balance(np.abs(closed).sum(axis=0), permute=False, separate=True)
+    shared = box | {"points": points, "durations": switching.durations, "scale": tuple(int(x) for x in np.log2(scale))}
     power, done, estimates = period, 1, {}
     for repeats in REPEATS:
         while done < repeats:
@@ -196,7 +198,7 @@ def _proved(model, switching: Switching, closed: np.ndarray, box: dict[str, Any]
             estimates[repeats] = np.log(abs(np.trace(power)) / model.n) / repeats
     for repeats, estimate in estimates.items():
         if estimate >= 0.95 * max(estimates.values()):
-            certificate = SwitchingInstability(**box, points=points, durations=switching.durations, repeats=repeats)
+            certificate = SwitchingInstability(**shared, repeats=repeats)
             if certificate.verify():
                 return certificate
     return None
