@@ -44,8 +44,7 @@ def cleared(m):
     common = math.lcm(*(x.denominator for row in m.rows for x in row))
     return [[int(x * common) for x in row] for row in m.rows], common
 
-def short(rows, size, count=1):
-    """A hostile file must not keep the check busy."""
+def short(rows, size, count=1):  # a hostile file must not keep the check busy
     if count * size**3 * (size * max(abs(x).bit_length() for row in rows for x in row) + 2e3) ** 1.6 > MOST_WORK:
         raise Refused("numbers of so many digits would take minutes")
 
@@ -84,10 +83,11 @@ def vertices(d, build, taus=()):
 
 def at(rho): return f"at the corner {[*map(real, rho)]}"
 
+def seen(d): return d.c - d.inner @ d.output if d.inner.rows else d.c
+
 def closed(d, rho):
     """F(rho) = a + sum_k rho_k b_k (c_k - inner_k output) - gain output."""
-    seen = d.c - d.inner @ d.output if d.inner.rows else d.c
-    return sum((x * (d.b[k] @ M([seen.rows[k]])) for k, x in enumerate(rho) if x), d.a - d.gain @ d.output)
+    return sum((x * (d.b[k] @ M([seen(d).rows[k]])) for k, x in enumerate(rho) if x), d.a - d.gain @ d.output)
 
 def injected(d, rho):
     """G(rho) = gain + b diag(rho) inner: how measurement noise enters."""
@@ -97,10 +97,9 @@ def decrease(d, p, load, taus=(), factor=None, more=None):
     """F'P + P F + load < 0 (factor: F'P F < factor^2 P) at all vertices, for F + left Delta right, |Delta| <= 1, by the
     S-procedure with d.tau; channels with tau_k > 0 by (w - l v)(u v - w) >= 0 in place of corners. more(rho): (G, weights) of
     further inputs e' = F e + G w, that shall have V' <= w' diag(weights) w."""
-    seen, n = (d.c - d.inner @ d.output if d.inner.rows else d.c).rows, len(p.rows)
-    b, cross, weights = zeros(n, 0), zeros(n, 0), []
+    b, cross, weights, n = zeros(len(p.rows), 0), zeros(len(p.rows), 0), [], len(p.rows)
     for k in (k for k, tau in enumerate(taus) if tau):
-        v = M([seen[k]]).T
+        v = M([seen(d).rows[k]]).T
         load, weights = load - taus[k] * d.lower[k] * d.upper[k] * (v @ v.T), [*weights, taus[k]]
         b, cross = block([b, d.b[k]]), block([cross, taus[k] * (d.lower[k] + d.upper[k]) / 2 * v])
     if d.left.rows:
@@ -145,7 +144,7 @@ def step_corners(d):
 NOISE = "for inputs process w - (gain + b diag(rho) inner) noise v "
 
 @theorem("h2", NOISY, "the error decays at least like exp(-{rate} t), and " + NOISE + "of unit white noise the mean over time "
-         "of |weight e|^2 is at most {level}" + BOXED)
+         "of |weight e|^2 is at most {level}" + BOXED, (*MODEL, "where q = {q} is empty: rho(t) does not depend on the noise"))
 def h2(d):
     yield from corners(d)
     inputs = lambda rho: block([d.process, -1 * (injected(d, rho) @ d.noise)])
@@ -180,7 +179,8 @@ def decoded(value, dims, sizes):
     if not dims: return float.fromhex(value)
     if type(value) is not list or sizes.setdefault(dims[0], len(value)) != len(value):
         raise Refused("its size does not fit the others")
-    if not (dims[0] != "r") <= len(value) <= MOST.get(dims[0], 12): raise Refused(f"{len(value)} entries, expected 1 to {MOST.get(dims[0], 12)}")
+    most = MOST.get(dims[0], 12)
+    if not (dims[0] != "r") <= len(value) <= most: raise Refused(f"{len(value)} entries, expected 1 to {most}")
     return tuple(decoded(x, dims[1:], sizes) for x in value)
 
 def field(value, kind, sizes):
@@ -224,7 +224,7 @@ def check(data):
         if data["sha256"] != digest(data): raise Refused("the contents do not match their SHA-256")
         shown, d = parsed(THEOREMS[data["theorem"]].kinds, data)
         found |= statement(data["theorem"], shown)
-        if any(data[key] != found[key] for key in ("claim", "assumptions")): raise Refused("claim or assumptions are not the theorem's")
+        if any(data[key] != found[key] for key in ("claim", "assumptions")): raise Refused("the text is not the theorem's")
         for what, truth in THEOREMS[data["theorem"]].builder(d):
             if not (truth if isinstance(truth, bool) else definite(truth)): raise Refused(f"{what} fails")
         found |= {"holds": True, "why": "holds for the stored model and bounds, in exact arithmetic"}
