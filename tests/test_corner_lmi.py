@@ -51,7 +51,8 @@ def test_one_channel_is_the_circle_criterion(step):
         corner_lmi.prove(outside, gain, step=step)
     assert "unstable" not in str(caught.value)
     assert caught.value.margin < 0
-    assert "by duality none exists" in str(caught.value)
+    assert caught.value.certificate.verify()
+    assert "none exists: 2 parameters exclude it, in exact arithmetic" in str(caught.value)
 
 
 def test_without_channels_the_rate_is_the_spectral_abscissa():
@@ -125,7 +126,7 @@ def test_step_certificates_and_files(tmp_path):
     again = load(tmp_path / "c.json")
     assert again == certificate
     assert again.verify()
-    assert "chosen for the test" in again.assumptions[1]
+    assert "chosen for the test" in again.assumptions[-1]
 
 
 @pytest.mark.parametrize("step", [False, True])
@@ -197,7 +198,7 @@ def test_a_pure_integrator_has_a_gain(a, rate, step):
 def test_growth_is_not_certified_as_decay():
     model, gain = one_channel(0.3, False)
     certificate = corner_lmi.prove(model, gain)
-    assert "negative" in dataclasses.replace(certificate, rate=-1.0).verify().why
+    assert "rate >= 0 fails" in dataclasses.replace(certificate, rate=-1.0).verify().why
 
 
 @pytest.mark.parametrize("step", [False, True])

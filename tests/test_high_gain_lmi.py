@@ -60,7 +60,7 @@ def test_standard_high_gain_counts_what_f_does_not_depend_on():
     assert isinstance(proof, HighGainLmi)
     assert (proof.j0, proof.lower, proof.upper) == (1, (-1.5, 0.0), (-0.5, 0.0))
     assert proof.theta == pytest.approx(1.1 * oracle.smallest_theta_in_the_plane(1.5, 0.0, 1), rel=1e-5)
-    assert oracle.holds_standard(proof)
+    assert oracle.holds_hg_lmi(proof)
     assert np.array_equal(np.asarray(observer.gain)[:, 0], proof.gain)
     assert standard_high_gain(plant(), bounds=BOUNDS)[1].j0 == 0
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 MOST = {"r": 64, "N": 256, "R": 50_000}  # of the dimensions named in the fields below; 12 of any other
-MOST_WORK, MOST_BYTES = 1e13, 2**24  # about a minute; of a file
+MOST_WORK, MOST_BYTES, SPENT = 1e13, 2**24, [0.0]  # about a minute; of a file; work done so far on one certificate
 ERRORS = (ArithmeticError, LookupError, RecursionError, TypeError, ValueError, AttributeError)  # of a malformed certificate
 THEOREMS = {}
 
@@ -45,8 +45,8 @@ def cleared(m):
     return [[int(x * common) for x in row] for row in m.rows], common
 
 def short(rows, size, count=1):  # a hostile file must not keep the check busy
-    if count * size**3 * (size * max(abs(x).bit_length() for row in rows for x in row) + 2e3) ** 1.6 > MOST_WORK:
-        raise Refused("numbers of so many digits would take minutes")
+    SPENT[0] += count * size**3 * (size * max((abs(x).bit_length() for row in rows for x in row), default=0) + 2e3) ** 1.6
+    if SPENT[0] > MOST_WORK: raise Refused("numbers of so many digits would take minutes")
 
 def pivots(m, semi=False):
     """The leading minors of a symmetric matrix times positive numbers, up to the first that is not positive: fraction-free
@@ -217,7 +217,7 @@ def digest(data):
 
 def check(data):
     """{"holds", "why", "margins", "claim", "assumptions"} for a certificate as JSON gives it."""
-    found, d = {"holds": False, "claim": "", "assumptions": []}, SimpleNamespace(margins={})
+    found, d, SPENT[0] = {"holds": False, "claim": "", "assumptions": []}, SimpleNamespace(margins={}), 0.0
     try:
         if type(data) is not dict or data.get("format") != "jaxobs-cert/1": raise Refused("the format is not jaxobs-cert/1")
         if data["theorem"] not in THEOREMS: raise Refused(f"theorem {data['theorem']!r:.40} is none of {', '.join(THEOREMS)}")
@@ -232,16 +232,16 @@ def check(data):
     except ERRORS as error: found["why"] = f"not certified: malformed, {type(error).__name__}: {error!s:.80}"
     return found | {"margins": {key: real(value) for key, value in d.margins.items()}}
 
+def once(pairs): return dict(pairs) if len(dict(pairs)) == len(pairs) else None  # a key given twice can be read in two ways
 def main(paths):
     """Prints the verdicts; 0 if all hold, 1 if one does not, 2 if a file cannot be read."""
     code = 0
     for path in paths:
         try:
             if Path(path).stat().st_size > MOST_BYTES: raise ValueError(f"more than {MOST_BYTES} bytes")
-            found = check(json.loads(Path(path).read_text(encoding="utf-8")))
-            print(f"{path}: {found['why']}")
-            for text in ["claim: " + found["claim"], *("assumes: " + x for x in found["assumptions"])]: print(f"  {text}")
-            code = max(code, int(not found["holds"]))
+            one = check(json.loads(Path(path).read_text(encoding="utf-8"), object_pairs_hook=once))
+            print(f"{path}: {one['why']}", f"claim: {one['claim']}", *map("assumes: {}".format, one["assumptions"]), sep="\n  ")
+            code = max(code, int(not one["holds"]))
         except (OSError, ValueError, RecursionError) as error:
             print(f"{path}: no certificate: {error!s:.200}")
             code = 2
