@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from jaxobs import excitation as excitation
     from jaxobs import hurwitz as hurwitz
     from jaxobs import integrators as integrators
+    from jaxobs import intervals as intervals
     from jaxobs import linalg as linalg
     from jaxobs import metrics as metrics
     from jaxobs import monitors as monitors
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
     # fmt: on
 
 _MODULES = (
-    "certificates", "chain_bounds", "datasets", "designs", "excitation", "hurwitz", "integrators", "linalg",
+    "certificates", "chain_bounds", "datasets", "designs", "excitation", "hurwitz", "integrators", "intervals", "linalg",
     "metrics", "monitors", "noise", "observers", "papers", "plants", "signals", "studies", "tuning",
 )  # fmt: skip
 _NAMES = {

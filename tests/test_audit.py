@@ -75,7 +75,8 @@ def test_a_larger_rate_than_proved_is_not_certified():
     found = audit(oscillator(2.0, 0.5, 2.0), NONE, rate=5.0, search=False)
     assert found.verdict == "not certified"
     assert "decay rate" in found.reason
-    assert found.obstruction is None
+    assert found.obstruction.rate == 5.0
+    assert found.obstruction.verify()
 
 
 def test_prints_a_table():

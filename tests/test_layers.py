@@ -23,6 +23,7 @@ RANK = {
     "tuning": (4, 2),
     "papers": (4, 3),
     "demo": (4, 4),
+    "bench": (4, 4),
     **dict.fromkeys(["cli", "report", "plotting", "__main__"], (5, 0)),
     "": (5, 0),  # jaxobs/__init__.py names every layer, so only the last one may import it
 }
@@ -30,6 +31,7 @@ RANK = {
 # Third-party packages that belong to some of the above.
 SCREEN = {"cli", "report", "plotting", "__main__"}
 OWNERS = {
+    "clarabel": {"designs"},
     "cvxpy": {"designs"},
     "diffrax": {"integrators"},
     "flint": {"intervals"},

@@ -9,7 +9,7 @@ import pytest
 from oracles import switching as oracle
 from switched_cases import NONE, between, oscillator, turned
 
-from jaxobs.certificates import NoCommonQuadratic, SwitchingInstability, checker_more, exact
+from jaxobs.certificates import NoGain, SwitchingInstability, checker_more, exact
 from jaxobs.designs import audit
 from jaxobs.designs.polytope import Polytope
 from jaxobs.designs.switching import worst_switching
@@ -41,7 +41,7 @@ def test_two_stable_corners_unstable_under_switching():
     found = audit(model, NONE)
     assert found.verdict == "unstable under switching (proved)"
     assert all(point.count.is_stable for point in found.frozen)
-    assert isinstance(found.obstruction, NoCommonQuadratic)
+    assert isinstance(found.obstruction, NoGain)
     assert found.obstruction.verify()
     proof = found.counterexample
     assert isinstance(proof, SwitchingInstability)

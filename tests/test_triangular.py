@@ -44,6 +44,7 @@ def test_lemma_1_holds_inside_the_box_too(lower, upper):
     found = designs.lemma1(lower, upper)
     n = len(lower) + 1
     assert found.certificate.verify()
+    assert found.certificate.gain == tuple((k,) for k in found.gain.tolist())  # of the gain as it is, in its own coordinates
     rng = np.random.default_rng(0)
     for _ in range(200):
         a = rng.uniform(lower, upper)

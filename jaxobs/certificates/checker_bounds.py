@@ -17,7 +17,7 @@ from functools import lru_cache, reduce
 from itertools import pairwise
 from operator import or_
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 MOST_BYTES, MOST_NODES, MOST_VARIABLES, MOST_EFFORT = 2**22, 5000, 24, 500_000  # the last is about a minute
 ERRORS = (ArithmeticError, LookupError, RecursionError, TypeError, ValueError, AttributeError)  # of a malformed file
@@ -114,7 +114,7 @@ class Interval(NamedTuple):
         low = least if low == -INF else max(least, at(name, low)[0])
         return outward(low, most if high == INF else min(most, at(name, high)[1]))
 
-def total(constant, parts):
+def total(constant, parts) -> Any:
     """constant + the sum of coefficient times interval; None if one of these is."""
     low = high = constant
     for k, a in parts:

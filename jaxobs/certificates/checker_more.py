@@ -107,7 +107,7 @@ DISTURBED = MODEL[0].replace("F(rho) e", "F(rho) e + disturbance d(t) - (gain + 
           "the measurement, at all times", *MODEL[1:]))
 def mismatch(d):
     weights = [d.beta] * len(d.disturbance.rows[0]) + [d.gamma] * len(d.output.rows)
-    yield from (("P > 0", d.p), ("alpha, bound > 0, sizes >= 0", min(d.alpha, d.bound) > 0 <= min(d.size, d.noise_size)))
+    yield from (("P > 0", d.p), ("alpha, bound > 0", min(d.alpha, d.bound) > 0))
     yield "no multipliers beside inner", not (any(d.taus) and d.inner.rows)
     inputs = lambda rho: (block([d.disturbance, -1 * injected(d, rho)]), weights)
     yield from decrease(d, d.p, d.alpha * d.p, d.taus, more=inputs)

@@ -20,9 +20,9 @@ class H2Level(AbstractCertificate):
     The covariance form, with X, needs a rho(t) that does not depend on the noise, since it takes F E[e e'] for E[F e e']: an
     assumption of the certificate. level is a variance: its root is the H2 norm.
 
-    weight E (s, n), process (n, m), noise (p, k), q or x (n, n), the other (); taus, taus_q (r,): multipliers for P and Q in place of
-    corners, as in Corners; else as there. Source: Boyd et al., Linear Matrix Inequalities in System and Control Theory, 1994,
-    sections 6.2.1 and 6.2.2.
+    weight E (s, n), process (n, m), noise (p, k), q or x (n, n), the other (); taus, taus_q (r,): multipliers for P and Q in
+    place of corners, as in Corners; else as there. Source: Boyd et al., Linear Matrix Inequalities in System and Control
+    Theory, 1994, sections 6.2.1 and 6.2.2.
     """
 
     a: FloatMatrix

@@ -8,13 +8,13 @@ from jaxobs.certificates.base import AbstractCertificate, FloatMatrix
 
 @dataclasses.dataclass(frozen=True)
 class Mismatch(AbstractCertificate):
-    """For e' = F(rho) e + disturbance d(t) - G(rho) v(t), G = gain + sum_k rho_k b_k inner_k, |d| <= size and |v| <= noise_size:
+    """For e' = F(rho) e + disturbance d(t) - G(rho) v(t), G = gain + sum_k rho_k b_k inner_k, |d| <= size, |v| <= noise_size:
 
         [-(F'P + P F) - alpha P,  -P disturbance,  P G;   *,  beta I,  0;   *,  *,  gamma I] > 0 at all corners,    P > 0,
         beta size^2 + gamma noise_size^2 <= alpha,       [P, weight'; weight, bound^2 I] > 0
 
-    imply |weight e(t)|^2 <= bound^2 (1 + e^{-alpha t} (e(0)'P e(0) - 1)): from any error |weight e| is at most `bound` in the end,
-    and from e(0)'P e(0) <= 1 always.
+    imply |weight e(t)|^2 <= bound^2 (1 + e^{-alpha t} (e(0)'P e(0) - 1)): from any error |weight e| is at most `bound` in the
+    end, and from e(0)'P e(0) <= 1 always.
 
     Proof. V = e'P e has V' <= -alpha V + beta |d|^2 + gamma |v|^2 <= -alpha (V - 1), and |weight e|^2 <= bound^2 V (Schur).
 

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 
 Polynomial = list[int]
@@ -38,16 +38,6 @@ def gcd(f: Polynomial, g: Polynomial) -> Polynomial:
     return euclid(f, g)[-1]
 
 
-def quotient(f: Polynomial, g: Polynomial) -> Polynomial:
-    """f / g times a positive number, for a divisor g of f."""
-    rest, result = [Fraction(a) for a in f], []
-    for _ in range(len(f) - len(g) + 1):
-        factor = rest[0] / g[0]
-        result.append(factor)
-        rest = [a - factor * b for a, b in zip(rest, g + [0] * (len(rest) - len(g)), strict=True)][1:]
-    return primitive(result)
-
-
 def derivative(f: Polynomial) -> Polynomial:
     degree = len(f) - 1
     return primitive([a * (degree - i) for i, a in enumerate(f[:-1])])
@@ -66,15 +56,6 @@ def plus(f: Polynomial, g: Polynomial, factor: int = 1) -> Polynomial:
     size = max(len(f), len(g))
     one, other = [0] * (size - len(f)) + f, [0] * (size - len(g)) + g
     return [a + factor * b for a, b in zip(one, other, strict=True)]
-
-
-def sign_at(f: Polynomial, x: Fraction) -> int:
-    """The sign of f(x): Horner's rule on num and den separately, integers only."""
-    value, power = 0, 1
-    for a in f:
-        value = value * x.numerator + a * power
-        power *= x.denominator
-    return (value > 0) - (value < 0)
 
 
 def sign_at_infinity(f: Polynomial, side: int) -> int:
@@ -105,47 +86,3 @@ def real_roots(f: Polynomial) -> int:
         count += distinct_real_roots(f)
         f = gcd(f, derivative(f))
     return count
-
-
-def coprime(factors: Iterable[Polynomial]) -> list[Polynomial]:
-    """Polynomials without a multiple or common root that have together the roots of the given ones (none of them zero)."""
-    basis: list[Polynomial] = []
-    pending = [f for f in factors if len(f) > 1]
-    while pending:
-        f = pending.pop()
-        f = quotient(f, gcd(f, derivative(f)))
-        for k, g in enumerate(basis):
-            if len(common := gcd(f, g)) > 1:
-                del basis[k]
-                pending += [h for h in (quotient(f, common), quotient(g, common), common) if len(h) > 1]
-                break
-        else:
-            basis.append(f)
-    return basis
-
-
-def between_real_roots(factors: Iterable[Polynomial]) -> list[Fraction]:
-    """One rational strictly between any two neighbouring real roots of the product, one below and one above all of them, none a
-    root. Bisection of the line with Sturm's theorem until every interval holds at most one root; no factor may be zero.
-    """
-    chains = [euclid(f, derivative(f)) for f in coprime(factors)]
-
-    def below(x: Fraction) -> int:  # variations: differences count the roots between two points
-        return sum(variations([sign_at(g, x) for g in chain]) for chain in chains)
-
-    bound = Fraction(1)
-    for f, *_ in chains:  # Cauchy: all roots lie inside
-        bound = max(bound, Fraction(2) ** (max((abs(a) // abs(f[0])).bit_length() for a in f) + 1))
-    kept = {below(-bound): -bound, below(bound): bound}  # of several points between the same two roots one is enough
-    intervals = [(-bound, below(-bound), bound, below(bound))]
-    while intervals:
-        low, at_low, high, at_high = intervals.pop()
-        if at_low - at_high <= 1:
-            continue
-        middle = (low + high) / 2
-        while any(sign_at(chain[0], middle) == 0 for chain in chains):
-            middle = (low + middle) / 2
-        at_middle = below(middle)
-        kept[at_middle] = middle
-        intervals += [(low, at_low, middle, at_middle), (middle, at_middle, high, at_high)]
-    return sorted(kept.values())

@@ -15,11 +15,11 @@ class Regional(AbstractCertificate):
 
         P > 0,   F'P + P F + 2 rate P < 0 at all corners,   [P, h_j; h_j', w_j^2 / level] > 0 for all rows h_j' of H
 
-    imply that every e(0) with e(0)'P e(0) <= level, so every one with |e(0)| <= radius where level I - radius^2 P > 0, keeps xhat
-    in B for ever and decays: |e(t)| <= sqrt(cond P) e^{-rate t} |e(0)|.
+    imply that every e(0) with e(0)'P e(0) <= level, so every one with |e(0)| <= radius where level I - radius^2 P > 0, keeps
+    xhat in B for ever and decays: |e(t)| <= sqrt(cond P) e^{-rate t} |e(0)|.
 
-    Proof. e'P e <= level implies |h_j'e|^2 <= level h_j'P^-1 h_j < w_j^2 (Schur), so xhat is in B and B, convex, holds the segment
-    between x and xhat: the bounds apply, e'P e falls, and xhat cannot reach the border of B.
+    Proof. e'P e <= level implies |h_j'e|^2 <= level h_j'P^-1 h_j < w_j^2 (Schur), so xhat is in B, and B, convex, holds the
+    segment between x and xhat: the bounds apply, e'P e falls, and xhat cannot reach the border of B.
 
     p (n, n), rate [1/s] >= 0, faces (m, n), the four bounds (m,), level > 0, radius >= 0; else as in Corners. Source: Boyd et
     al., Linear Matrix Inequalities in System and Control Theory, 1994, section 5.1 (invariant ellipsoids in polytopes).

@@ -8,8 +8,11 @@ from jaxobs.certificates.base import AbstractCertificate, FloatMatrix
 
 @dataclasses.dataclass(frozen=True)
 class Sampled(AbstractCertificate):
-    """For e' = A(rho) e - G(rho) C e(t_k), t_k <= t < t_{k+1}, with 0 < t_{k+1} - t_k <= delta, A(rho) = a + sum_k rho_k b_k c_k',
-    G(rho) = gain + sum_k rho_k b_k inner_k, C = output and F = A - G C: P > 0, W > 0, x = rate delta in [0, 1[ and, at all corners,
+    """For e' = A(rho) e - G(rho) C e(t_k), t_k <= t < t_{k+1}, with 0 < t_{k+1} - t_k <= delta, C = output,
+
+        A(rho) = a + sum_k rho_k b_k c_k',    G(rho) = gain + sum_k rho_k b_k inner_k,    F = A - G C:
+
+    P > 0, W > 0, x = rate delta in [0, 1[ and, at all corners of lower <= rho <= upper,
 
         [-(F'P + P F) - 2 rate P,  -P G,  -delta F'C'W;   *,  kappa W,  -delta G'C'W;   *,  *,  W] > 0,
         kappa = (1 - x) pi^2 / 4 + x^2   (with 9.8696 < pi^2)
@@ -20,10 +23,10 @@ class Sampled(AbstractCertificate):
 
         V = e'P e + delta^2 c(tau) v'W v,     c' + 2 rate c + c^2 = -(m^2 + rate^2),    2 c v'W v' <= c^2 v'W v + v''W v',
 
-    V' + 2 rate V <= (the form of the matrix above, by its Schur complement) < 0 wherever delta^2 (m^2 + rate^2) >= kappa. Let
-    q = (m delta)^2: x = m delta cot(m delta) = 1 - 2 sum_j q / (j^2 pi^2 - q) is concave and falling in q, so q is concave in x,
-    above its chord from (0, pi^2 / 4) to (1, 0). At t_k v = 0 and c v'W v -> 0; at t_{k+1} c >= 0 and V falls. For rate 0 this is
-    Wirtinger's inequality, by the method of Liu and Fridman, Automatica 48 (2012) 102-108.
+    V' + 2 rate V <= (the form of the matrix above, by its Schur complement) < 0 if delta^2 (m^2 + rate^2) >= kappa. That holds:
+    with q = (m delta)^2, x = m delta cot(m delta) = 1 - 2 sum_j q / (j^2 pi^2 - q) is concave and falling in q, so q is concave
+    in x, above its chord from (0, pi^2 / 4) to (1, 0). At t_k v = 0 and c v'W v -> 0; at t_{k+1} c >= 0, and V does not rise.
+    For rate 0 this is Wirtinger's inequality, as Liu and Fridman use it, Automatica 48 (2012) 102-108.
 
     p (n, n), w (p, p), delta [s], rate [1/s] >= 0; else as in Corners.
     """
@@ -47,7 +50,7 @@ class Sampled(AbstractCertificate):
 
 @dataclasses.dataclass(frozen=True)
 class SampledTube(AbstractCertificate):
-    """For the error dynamics of Sampled, with M(rho) = [F, G; C F, C G] for (e, v), v = C (e - e(t_k)), and a tube of ellipsoids
+    """For the error dynamics of Sampled, M(rho) = [F, G; C F, C G] of (e, v), v = C (e - e(t_k)), and a tube of ellipsoids
 
         Q(tau) = sum_i binom(K, i) (tau / delta)^i (1 - tau / delta)^{K-i} Q_i,    Q_0 = diag(start, 0):
 
@@ -56,14 +59,14 @@ class SampledTube(AbstractCertificate):
 
     imply |e(t)| <= sqrt(cond start) e^{-rate (t - t_0)} |e(t_0)| after the first sample t_0, for all intervals up to delta.
 
-    Proof. The last matrices are the Bernstein coefficients of delta (Q' - M Q - Q M' - 2 rate Q), which is therefore positive on
-    [0, delta]. With Phi the transition matrix of M along any rho(t), D = e^{-2 rate tau} Q - Phi Q_0 Phi' has D(0) = 0 and
-    D' > M D + D M', so D >= 0. If e(t_k)' start^-1 e(t_k) <= 1, then (e, v)(t_k) (e, v)(t_k)' <= Q_0, hence (e, v)(e, v)' <= Phi
-    Q_0 Phi' <= e^{-2 rate tau} Q(tau), and e e' <= e^{-2 rate tau} start, since start exceeds the ee blocks: e' start^-1 e
+    Proof. The last matrices are the Bernstein coefficients of delta (Q' - M Q - Q M' - 2 rate Q), which is therefore positive
+    on [0, delta]. With Phi the transition matrix of M along any rho(t), D = e^{-2 rate tau} Q - Phi Q_0 Phi' has D(0) = 0 and
+    D' > M D + D M', so D >= 0. If e(t_k)' start^-1 e(t_k) <= 1, then z = (e, v) has z z' <= Q_0 at t_k, hence z z' <= Phi Q_0
+    Phi' <= e^{-2 rate tau} Q(tau) after it, and e e' <= e^{-2 rate tau} start, since start exceeds the ee blocks: e' start^-1 e
     falls by e^{-2 rate tau}. For rate 0 the strict inequalities leave room for a positive one.
 
-    start (n, n), tube (K (n + p), n + p): Q_1 to Q_K one below the other; else as in Sampled. Source: Jacobi's comparison for
-    Lyapunov equations, and the Bernstein form (Farouki, Computer Aided Geometric Design 29 (2012)).
+    start (n, n), tube (K (n + p), n + p): Q_1 to Q_K one below the other; else as in Sampled. Source: comparison of Lyapunov
+    differential equations; the Bernstein form, Farouki, Computer Aided Geometric Design 29 (2012) 379-419.
     """
 
     a: FloatMatrix

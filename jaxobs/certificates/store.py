@@ -8,19 +8,22 @@ from pathlib import Path
 from typing import Any
 
 from jaxobs.certificates.base import FORMAT, AbstractCertificate, decode
-from jaxobs.certificates.checker_more import digest
+from jaxobs.certificates.checker import digest, once
 from jaxobs.certificates.condition5 import Condition5
 from jaxobs.certificates.corners import Corners, StepCorners
 from jaxobs.certificates.frozen_instability import FrozenInstability
+from jaxobs.certificates.gain_floor import GainFloor
 from jaxobs.certificates.h2 import H2Level
 from jaxobs.certificates.high_gain_lmi import HighGainLmi
+from jaxobs.certificates.kalman_floor import KalmanFloor
 from jaxobs.certificates.l2 import L2Level
 from jaxobs.certificates.mismatch import Mismatch
-from jaxobs.certificates.no_common_quadratic import NoCommonQuadratic
+from jaxobs.certificates.no_gain import NoGain
 from jaxobs.certificates.no_high_gain_lmi import NoHighGainLmi
 from jaxobs.certificates.regional import Regional
 from jaxobs.certificates.sampled import Sampled, SampledTube
 from jaxobs.certificates.switching_instability import SwitchingInstability
+from jaxobs.certificates.undetectable import Undetectability
 
 THEOREMS: dict[str, type[AbstractCertificate]] = {
     kind.theorem: kind
@@ -28,17 +31,20 @@ THEOREMS: dict[str, type[AbstractCertificate]] = {
         Condition5,
         Corners,
         FrozenInstability,
+        GainFloor,
         H2Level,
         HighGainLmi,
+        KalmanFloor,
         L2Level,
         Mismatch,
-        NoCommonQuadratic,
+        NoGain,
         NoHighGainLmi,
         Regional,
         Sampled,
         SampledTube,
         StepCorners,
         SwitchingInstability,
+        Undetectability,
     )
 }
 
@@ -49,7 +55,7 @@ def load(path: str | PathLike[str]) -> AbstractCertificate:
     Loading proves nothing: `verify()` does.
     """
     try:
-        data = json.loads(Path(path).read_text(encoding="utf-8"))
+        data = json.loads(Path(path).read_text(encoding="utf-8"), object_pairs_hook=once)
     except (ValueError, RecursionError) as error:  # no UTF-8, no JSON, nested or long without measure
         raise ValueError(f"{path}: given text that is not JSON ({error}); expected a {FORMAT} file") from error
     if not isinstance(data, dict) or data.get("format") != FORMAT:

@@ -9,7 +9,8 @@ with tau = 0 and kappa = 2 rate, or kappa = (1 - factor^2) / tau.
 """
 
 import dataclasses
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy.linalg
@@ -20,16 +21,27 @@ from jaxobs.designs.polytope import Polytope
 STRICT = 1e-9  # smallest margin that counts, in coordinates in which P is about the identity
 CONDITION = 1e4  # of the P among which none is said to be, in the coordinates where the last attempt failed
 REACH = 1e6  # of the gain, in coordinates in which P is about the identity
+FEW = 16  # corners that are all imposed; of more those that are found to be violated
+ADDED = 6  # corners at a time
+ROUNDS = 40  # of adding corners
 
 
 @dataclasses.dataclass(frozen=True)
 class Frame:
-    """Where the inequalities are solved: the model of t^-1 e in units of time 1 / speed, in the form G; tau as above."""
+    """Where the inequalities are solved: the model of t^-1 e in units of time 1 / speed, in the form G; tau as above.
+
+    active: of many corners those that are imposed, a list that all frames of one design share and extend; all if it is empty.
+    """
 
     model: Polytope
     t: np.ndarray
     speed: float
     tau: float
+    active: list[int] = dataclasses.field(default_factory=list)
+
+    @functools.cached_property
+    def corners(self) -> np.ndarray:
+        return self.model.corners()
 
     def centred(self, p: np.ndarray) -> "Frame":
         """In the coordinates in which P is the identity."""
@@ -56,26 +68,63 @@ class Frame:
     def rate(self, kappa: float) -> float:
         return float(np.sqrt(max(1 - kappa * self.tau, 0.0))) if self.tau else kappa * self.speed / 2
 
+    def at_corners(self, kappa: float, chosen: Sequence[int] | slice, p: np.ndarray, injected: np.ndarray) -> np.ndarray:
+        """The corner inequalities for P and P L output, (chosen, k, k)."""
+        pg = p @ self.corners[chosen] - injected
+        decrease = -(pg + pg.transpose(0, 2, 1)) - kappa * p
+        if not self.tau:
+            return decrease
+        side = np.sqrt(self.tau) * pg
+        lower = np.concatenate([side, np.broadcast_to(p, pg.shape)], axis=2)
+        return np.concatenate([np.concatenate([decrease, side.transpose(0, 2, 1)], axis=2), lower], axis=1)
+
     def inequalities(self, kappa: float, gain: np.ndarray | None) -> Callable[..., list[np.ndarray]]:
-        """P > 0 and the corner inequalities, as a function of p and y; of p alone for a given gain."""
-        corners, c = self.model.corners(), self.model.output
+        """P > 0 and the active corner inequalities, as a function of p and y; of p alone for a given gain."""
+        chosen, c = self.active or slice(None), self.model.output
 
         def lmis(p, y=None):
-            def at(corner):
-                pg = p @ corner - (p @ gain @ c if y is None else y.T @ c)
-                decrease = -(pg + pg.T) - kappa * p
-                s = np.sqrt(self.tau)
-                return np.block([[decrease, s * pg.T], [s * pg, p]]) if self.tau else decrease
-
-            return [p, *map(at, corners)]
+            return [p, *self.at_corners(kappa, chosen, p, p @ gain @ c if y is None else y.T @ c)]
 
         return lmis
+
+    def lowest(self, kappa: float, p: np.ndarray, injected: np.ndarray, weight: float | np.ndarray = 0.0) -> np.ndarray:
+        """The smallest eigenvalues of all corner inequalities, with a weight taken from the decrease, (corners,)."""
+        every = self.at_corners(kappa, slice(None), p, injected).copy()
+        every[:, : len(p), : len(p)] -= weight
+        return np.linalg.eigvalsh(every)[:, 0]
+
+    def lazily(
+        self, attempt: Callable[[], sdp.Solution], check: Callable[[sdp.Solution], np.ndarray], start: np.ndarray
+    ) -> sdp.Solution:
+        """The solution of `attempt` once it satisfies the corners that were not imposed as well: those that it violates most
+        are added. check(solution): the smallest eigenvalues at all corners; start: the same where nothing is solved yet."""
+        if len(self.corners) <= FEW:
+            return attempt()
+        if not self.active:
+            self.active.extend(np.argsort(start)[:ADDED].tolist())
+        for _ in range(ROUNDS):
+            found = attempt()
+            if not found.values or found.margin <= 0:
+                return found  # a part of the corners is too much
+            lowest = check(found)
+            worst = [int(k) for k in np.argsort(lowest) if lowest[k] <= 0 and k not in self.active][:ADDED]
+            if not worst:
+                return dataclasses.replace(found, margin=min(found.margin, float(np.min(lowest))))
+            self.active.extend(worst)
+        return dataclasses.replace(found, margin=float(np.min(lowest)))
 
     def solve(self, kappa: float, gain: np.ndarray | None) -> sdp.Solution:
         unknowns = {"p": sdp.symmetric(self.model.n, trace=float(self.model.n))}
         if gain is None:
             unknowns["y"] = sdp.full(self.model.p, self.model.n, reach=REACH)
-        return sdp.feasible(unknowns, self.inequalities(kappa, self.here(gain)))
+        here, eye, c = self.here(gain), np.eye(self.model.n), self.model.output
+
+        def check(found: sdp.Solution) -> np.ndarray:
+            p = found.values["p"]
+            return self.lowest(kappa, p, p @ here @ c if here is not None else found.values["y"].T @ c)
+
+        start = self.lowest(kappa, eye, (c.T if here is None else here) @ c)
+        return self.lazily(lambda: sdp.feasible(unknowns, self.inequalities(kappa, here)), check, start)
 
     def refute(self, kappa: float, gain: np.ndarray | None) -> sdp.Solution:
         """The largest t with P >= I and the corner inequalities >= t: if its `bound` is negative, no P >= I with entries up to
@@ -121,6 +170,11 @@ def quietest(place: Frame, kappa: float, process: np.ndarray, weight: np.ndarray
         pad[: len(p), : len(p)] = weight * unit
         return [p, *fast, *(f - pad for f in steady), np.block([[z, y], [y.T, p]])]
 
+    def check(found):
+        p, injected = found.values["p"], found.values["y"].T @ place.model.output
+        fast = place.lowest(kappa + (faster - kappa) / 2, p, injected)
+        return np.minimum(fast, place.lowest(0.0, p, injected, weight * unit * (1 - 1e-3)))
+
     sizes = {"p": sdp.symmetric(place.model.n, reach=REACH), "y": sdp.full(place.model.p, place.model.n, reach=REACH)}
     sizes["z"] = sdp.symmetric(place.model.p, reach=REACH)
 
@@ -128,7 +182,8 @@ def quietest(place: Frame, kappa: float, process: np.ndarray, weight: np.ndarray
         def cost(p, y, z):
             return -(np.sum(p * process) + np.sum(z * noise)) / size
 
-        return sdp.optimise(sizes, lmis, maximise=cost, margin=STRICT)
+        start = place.lowest(kappa, np.eye(place.model.n), place.model.output.T @ place.model.output)
+        return place.lazily(lambda: sdp.optimise(sizes, lmis, maximise=cost, margin=STRICT), check, start)
 
     size = np.trace(process) + np.trace(noise)
     found = attempt(size)

@@ -7,15 +7,13 @@ import numpy as np
 import scipy.linalg
 
 from jaxobs._module import refuse
-from jaxobs.certificates import Corners, FrozenInstability, NoCommonQuadratic, StepCorners, SwitchingInstability, exact, routh
-from jaxobs.certificates.common_quadratic import common_quadratic
+from jaxobs.certificates import Corners, FrozenInstability, NoGain, StepCorners, SwitchingInstability, routh
 from jaxobs.designs import corner_lmi
 from jaxobs.designs.infeasible import Infeasible
-from jaxobs.designs.polytope import Polytope
+from jaxobs.designs.polytope import Polytope, as_tuples
 from jaxobs.designs.switching import Switching, worst_switching
 
 SAMPLES = 500  # constant parameters inside the box
-DECIDED = 16  # corners up to which the exact 2x2 decision is made
 REPEATS = (1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 
 
@@ -35,7 +33,7 @@ class Audit:
 
     frozen: exact eigenvalue counts at the corners, the centre, rho = 0 if it is in the box, and the worst constant rho found.
     certificate: one P for all corners, verified; None if none was found, for the `reason` given.
-    obstruction: for n = 2 the exact proof that there is no such P (it does not mean that errors grow).
+    obstruction: the exact proof that there is no such P, where one was found (it does not mean that errors grow).
     switching: the worst periodic switching between corners that was found, a lower bound on the worst; None if not searched.
     counterexample: an exact proof that errors grow at a constant rho or under a switching.
     """
@@ -45,7 +43,7 @@ class Audit:
     frozen: tuple[FrozenPoint, ...]
     certificate: Corners | StepCorners | None
     reason: str
-    obstruction: NoCommonQuadratic | None
+    obstruction: NoGain | None
     switching: Switching | None
     counterexample: FrozenInstability | SwitchingInstability | None
 
@@ -82,8 +80,8 @@ def audit(model: Polytope, gain: Any, *, rate: float | None = None, step: bool =
     """What is true of e' = (a + sum_k rho_k b_k c_k' - L output) e, or e+ = ... with `step`, for the given gain L (n, p).
 
     In this order: exact eigenvalue counts at constant parameters (Routh); if they are stable, one quadratic Lyapunov function
-    for all corners at the decay `rate` (as in corner_lmi.prove); for n = 2, where the solver finds none, the exact decision
-    whether there is one; with `search`, the worst periodic switching, and a rigorous proof where errors grow under it.
+    for all corners at the decay `rate` (as in corner_lmi.prove), or the exact proof that there is none; with `search`, the
+    worst periodic switching, and a rigorous proof where errors grow under it.
 
     rate [1/s] >= 0, or the factor a step in ]0, 1]. ValueError for a gain of the wrong shape or with numbers that are not
     finite, and, where the constant parameters are stable, for a rate outside this range. Source: Gantmacher, The Theory of
@@ -101,24 +99,18 @@ def audit(model: Polytope, gain: Any, *, rate: float | None = None, step: bool =
         found = next((FrozenInstability(**box, rho=one.rho) for one in frozen if one.count.outside), None)
         reason = f"none exists: the error does not decay at {bad.label}"
         return Audit(gain, step, frozen, None, reason, None, None, found)
-    certificate, reason, obstruction = _quadratic(model, gain, rate, step, box, closed)
+    certificate, reason, obstruction = _quadratic(model, gain, rate, step)
     switching = worst_switching(closed, step=step) if search else None
     counterexample = None if switching is None or certificate else _proved(model, switching, closed, box, step)
     return Audit(gain, step, frozen, certificate, reason, obstruction, switching, counterexample)
 
 
 def _box(model: Polytope, gain: np.ndarray, step: bool) -> dict[str, Any]:
-    fields = {name: _tuples(getattr(model, name)) for name in ("a", "b", "c", "output", "lower", "upper")}
-    tied = model.tied if len(set(model.tied)) < model.r else ()
-    return fields | {"gain": _tuples(gain), "step": int(step), "tied": tied}
-
-
-def _tuples(array: np.ndarray) -> tuple[Any, ...]:
-    return tuple(map(_tuples, array)) if array.ndim > 1 else tuple(float(x) for x in array)
+    return model.fields() | {"gain": as_tuples(gain), "step": int(step)}
 
 
 def _frozen(box: dict[str, Any], label: str, rho: np.ndarray, step: bool) -> FrozenPoint:
-    point = FrozenInstability(**box, rho=_tuples(rho))
+    point = FrozenInstability(**box, rho=as_tuples(rho))
     a, b, c, output, gain = (np.array(box[name], float) for name in ("a", "b", "c", "output", "gain"))
     growth = _growth(a + (b.reshape(len(a), -1) * rho) @ c.reshape(-1, len(a)) - gain @ output, step)
     return FrozenPoint(label, point.rho, point.count(), float(growth))
@@ -151,32 +143,12 @@ def _points(model: Polytope, gain: np.ndarray, step: bool) -> list[tuple[str, np
     return [*points, ("worst inside", worst)]
 
 
-def _quadratic(model, gain, rate, step, box, closed) -> tuple[Corners | StepCorners | None, str, NoCommonQuadratic | None]:
-    """The certificate, or why there is none."""
+def _quadratic(model, gain, rate, step) -> tuple[Corners | StepCorners | None, str, NoGain | None]:
+    """The certificate, or why there is none, and the proof that there is none."""
     try:
         return corner_lmi.prove(model, gain, rate=rate, step=step), "", None
     except Infeasible as error:
-        reason = str(error)
-    asks_more = rate is not None and rate != (1 if step else 0)
-    if model.n != 2 or asks_more or len(closed) > DECIDED:
-        return None, reason, None
-    points = [_tuples(rho) for rho in model.parameters()]
-    shells = [FrozenInstability(**box, rho=rho) for rho in points]
-    decision = common_quadratic([one.matrix() for one in shells], step=step)
-    if decision.exists:
-        certificate = _with(model, gain, decision.p, step)
-        return certificate, "" if certificate else f"one exists (exact), but none in floats: {reason}", None
-    return None, reason, NoCommonQuadratic(**box, points=tuple(points[k] for k in decision.blocking))
-
-
-def _with(model: Polytope, gain: np.ndarray, p: exact.Matrix | None, step: bool) -> Corners | StepCorners | None:
-    """The certificate with this P rounded to floats, if it still verifies."""
-    assert p is not None
-    fields = _box(model, gain, step)
-    fields.pop("step")
-    rounded = tuple(tuple(float(entry) for entry in row) for row in p)
-    certificate = StepCorners(**fields, p=rounded, factor=1.0) if step else Corners(**fields, p=rounded, rate=0.0)
-    return certificate if certificate.verify() else None
+        return None, str(error), error.certificate
 
 
 def _proved(model, switching: Switching, closed: np.ndarray, box: dict[str, Any], step: bool) -> SwitchingInstability | None:
@@ -187,7 +159,7 @@ def _proved(model, switching: Switching, closed: np.ndarray, box: dict[str, Any]
     for k, time in zip(switching.word, switching.durations, strict=True):
         factor = closed[k] if step else scipy.linalg.expm(closed[k] * time)
         period = factor @ period
-    points = tuple(_tuples(model.parameters()[k]) for k in switching.word)
+    points = tuple(as_tuples(model.parameters()[k]) for k in switching.word)
     _, (scale, _) = scipy.linalg.matrix_balance(np.abs(closed).sum(axis=0), permute=False, separate=True)
     shared = box | {"points": points, "durations": switching.durations, "scale": tuple(int(x) for x in np.log2(scale))}
     power, done, estimates = period, 1, {}

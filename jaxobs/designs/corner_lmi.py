@@ -17,10 +17,12 @@ from jaxobs._module import refuse
 from jaxobs.certificates import Corners, StepCorners
 from jaxobs.designs._climb import Climb, climb
 from jaxobs.designs._frame import CONDITION, frame, in_frame, quietest
+from jaxobs.designs.detectability import undetectable
 from jaxobs.designs.infeasible import Infeasible
-from jaxobs.designs.polytope import Polytope
+from jaxobs.designs.no_gain import no_gain
+from jaxobs.designs.polytope import Polytope, as_tuples
 
-REPEATS = 5  # of the search for the quietest gain, each in the coordinates of the last P
+REPEATS = 5  # of the search for the quietest gain
 
 
 def prove(
@@ -34,8 +36,9 @@ def prove(
     the bounds come from, a sentence.
 
     Infeasible if no P is found that passes the exact check; its `best` is the largest rate (the least factor) that the search
-    reached, None if none. ValueError for a gain of another shape and a rate outside these ranges. Source: papers 002, (31) at
-    j0 = n, and 004, (7), (12), (16); Boyd et al., 1994, section 5.1.
+    reached, None if none, its `certificate` the exact proof that no P exists (NoGain), where one is found. ValueError for a
+    gain of another shape and a rate outside these ranges. Source: papers 002, (31) at j0 = n, and 004, (7), (12), (16); Boyd et
+    al., 1994, section 5.1.
     """
     gain = np.asarray(gain, float)
     model.closed(gain)
@@ -47,7 +50,7 @@ def prove(
             certificate = _certificate(model, gain, place.lyapunov(found.values["p"]), rate, step, origin)
             if certificate.verify():
                 return certificate
-    raise _infeasible(way, gain, rate, step, "this gain")
+    raise _infeasible(way, model, gain, rate, step, "this gain")
 
 
 def synthesise(
@@ -57,6 +60,7 @@ def synthesise(
     step: bool = False,
     process: Any = None,
     noise: Any = None,
+    refinements: int = REPEATS,
     origin: str = "given",
 ) -> tuple[np.ndarray, Corners | StepCorners]:
     """A gain L (n, p) and the certificate that the error decays at `rate` (as in `prove`) for all parameters in the box:
@@ -65,9 +69,10 @@ def synthesise(
 
     or for step models F_c'P F_c < rate^2 P and F_c'P F_c - P + I < 0; unknowns P and Y' = P L. The objective bounds the error's
     variance E |e|^2 under white process and measurement noise of these intensities (n, n) and (p, p), identities if not given;
-    it is lowered in a few programs, each in the coordinates of the last P.
+    it is lowered in a few programs, each in the coordinates of the last P: at most `refinements`, the long part of the work;
+    with 0 the first gain is returned that is certified. Of more than 16 corners only those are imposed that would be violated.
 
-    Infeasible, with the largest rate found, if no gain within reach has such a P. ValueError for a rate as in `prove`. Source:
+    Infeasible as in `prove`, if no gain within reach has such a P. ValueError for a rate as in `prove`. Source:
     papers 002, (31) at j0 = n, and 004, (7), (12), (16); Boyd et al., 1994, sections 5.1, 6.2 (output energy), 7.2 (Y' = P L).
     """
     rate = _checked("synthesise", rate, step)
@@ -78,9 +83,9 @@ def synthesise(
     target = start.kappa(rate)
     way = climb(start, target, None)
     if way.found is None or way.kappa < target:
-        raise _infeasible(way, None, rate, step, "any gain within reach")
+        raise _infeasible(way, model, None, rate, step, "any gain within reach")
     place, cost, best = way.place.centred(way.found.values["p"]), np.inf, None
-    for _ in range(REPEATS):
+    for _ in range(refinements):
         found = quietest(place, target, *in_frame(place, process, noise))
         if not found.values or np.linalg.eigvalsh(found.values["p"])[0] <= 0:
             break
@@ -92,12 +97,16 @@ def synthesise(
                 break
     best = best or _proved(model, way.place, way.found, rate, step, origin)
     if best is None:
-        raise _infeasible(way, None, rate, step, "any gain tried, in floats that pass the exact check,")
+        raise _infeasible(way, model, None, rate, step, "any gain tried, in floats that pass the exact check,")
     return best
 
 
 def _proved(model, place, found, rate, step, origin) -> tuple[np.ndarray, Corners | StepCorners] | None:
+    """With the P that came with the gain, or one found for it afterwards."""
     gain = place.gain(found.values["p"], found.values["y"])
+    certificate = _certificate(model, gain, place.lyapunov(found.values["p"]), rate, step, origin)
+    if certificate.verify():
+        return gain, certificate
     try:
         return gain, prove(model, gain, rate=rate, step=step, origin=origin)
     except Infeasible:
@@ -145,23 +154,24 @@ def _recentred(way: Climb, gain: np.ndarray):
 
 
 def _certificate(model, gain, p, rate, step, origin) -> Corners | StepCorners:
-    fields: dict[str, Any] = {name: _tuples(getattr(model, name)) for name in ("a", "b", "c", "lower", "upper", "output")}
-    fields |= {"gain": _tuples(gain), "p": _tuples(p), "origin": origin}
-    fields |= {"tied": model.tied if len(set(model.tied)) < model.r else ()}
+    fields = model.fields() | {"gain": as_tuples(gain), "p": as_tuples(p), "origin": origin}
     return StepCorners(**fields, factor=rate) if step else Corners(**fields, rate=rate)
 
 
-def _tuples(array: np.ndarray) -> tuple[Any, ...]:
-    return tuple(map(_tuples, array)) if array.ndim > 1 else tuple(float(x) for x in array)
-
-
-def _infeasible(way: Climb, gain: np.ndarray | None, rate: float, step: bool, what: str) -> Infeasible:
+def _infeasible(way: Climb, model: Polytope, gain: np.ndarray | None, rate: float, step: bool, what: str) -> Infeasible:
     best = None if way.found is None else way.place.rate(way.kappa)
     place = way.place if way.found is None else way.place.centred(way.found.values["p"])
-    refuted = place.refute(place.kappa(rate), gain)
+    refutation = place.refute(place.kappa(rate), gain)
     kind = "factor a step" if step else "decay rate"
     reason = f"no P was found that proves the {kind} {rate:.6g} of {what} at all corners"
-    if refuted.is_infeasible:
+    certificate = no_gain(model, gain, rate=rate, step=step)
+    blind = undetectable(model, rate=rate, step=step) if gain is None and certificate is None else None
+    if certificate is not None:
+        reason += f", and none exists: {len(certificate.points)} parameters exclude it, in exact arithmetic"
+    elif blind is not None:
+        reason += f", and none exists: {blind}"
+        certificate = blind.certificate
+    elif refutation.is_infeasible:
         gains = "" if gain is not None else f", and P L up to {CONDITION:.0e} lambda_min(P),"
         reason += f", and by duality none exists with a condition number up to {CONDITION:.0e}{gains}"
         reason += " in the coordinates of the last P"
@@ -169,4 +179,4 @@ def _infeasible(way: Climb, gain: np.ndarray | None, rate: float, step: bool, wh
     if best is not None:
         change = f"The best {kind} proved on the way is {best:.6g}; ask for less, or narrow the bounds."
     tried = (f"{way.solves} inequalities, each in the coordinates of the last P",)
-    return Infeasible(reason, refuted.bound, change, best=best, tried=tried)
+    return Infeasible(reason, refutation.bound, change, best=best, tried=tried, certificate=certificate)

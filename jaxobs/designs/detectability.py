@@ -11,8 +11,9 @@ from fractions import Fraction
 import numpy as np
 import scipy.optimize
 
-from jaxobs.certificates import exact, routh
-from jaxobs.designs import corner_lmi
+from jaxobs.certificates import Undetectability, exact, routh
+from jaxobs.designs._every_gain import kernel
+from jaxobs.designs._frame import frame
 from jaxobs.designs.polytope import Polytope
 
 STARTS = 12  # of the search beyond the corners
@@ -25,13 +26,15 @@ class Undetectable:
     """At the parameters rho (r,) the matrix A(rho) = a + sum_k rho_k b_k c_k' has the eigenvalue `eigenvalue`, not decaying as
     asked, with an eigenvector `direction` (n,) that the outputs do not see: whatever L, e' = (A(rho) - L C) e keeps it.
 
-    is_exact: proved in rational arithmetic, the numbers of the model read as decimals; else found in floats.
+    is_exact: proved in rational arithmetic, the numbers of the model read as decimals; else found in floats. certificate: the
+    proof for the floats as they are, None where rounding to them has moved the mode (0.1 + 0.2 is not 0.3).
     """
 
     rho: tuple[float, ...]
     eigenvalue: complex
     direction: tuple[complex, ...]
     is_exact: bool
+    certificate: Undetectability | None = None
 
     def __str__(self) -> str:
         def shown(z: complex) -> str:
@@ -97,29 +100,6 @@ def _at(model: Polytope, rho: tuple[Fraction, ...]) -> exact.Matrix:
     return a
 
 
-def _kernel(rows: exact.Matrix, n: int) -> exact.Matrix:
-    """A basis of {v: rows v = 0}, one vector a row."""
-    work, pivots = [list(row) for row in rows], []
-    for column in range(n):
-        place = next((i for i in range(len(pivots), len(work)) if work[i][column]), None)
-        if place is None:
-            continue
-        top = len(pivots)
-        work[top], work[place] = work[place], work[top]
-        work[top] = [x / work[top][column] for x in work[top]]
-        for i, row in enumerate(work):
-            if i != top and row[column]:
-                work[i] = [x - row[column] * y for x, y in zip(row, work[top], strict=True)]
-        pivots.append(column)
-    basis = []
-    for free in (j for j in range(n) if j not in pivots):
-        vector = [Fraction(int(j == free)) for j in range(n)]
-        for i, column in enumerate(pivots):
-            vector[column] = -work[i][free]
-        basis.append(vector)
-    return basis
-
-
 def _tested(model: Polytope, rho: tuple[Fraction, ...], limit: float, step: bool) -> Undetectable | None:
     """Exact: the unobservable subspace N of (A(rho), C), and whether the spectrum of A(rho) on N decays as asked."""
     a, rows, n = _at(model, rho), _rational(model.output), model.n
@@ -127,7 +107,7 @@ def _tested(model: Polytope, rho: tuple[Fraction, ...], limit: float, step: bool
     for _ in range(n - 1):
         rows = exact.product(rows, a)
         stacked += rows
-    basis = _kernel(stacked, n)
+    basis = kernel(stacked, n)
     if not basis:
         return None
     # A N = N X: each basis vector has a 1 where the others have 0, so that X is read off there.
@@ -145,7 +125,10 @@ def _tested(model: Polytope, rho: tuple[Fraction, ...], limit: float, step: bool
     values, vectors = np.linalg.eig(np.array(on_subspace, float))
     worst = int(np.argmax(np.abs(values) if step else np.real(values)))
     direction = np.array(basis, float).T @ vectors[:, worst]
-    return Undetectable(tuple(map(float, rho)), complex(values[worst]), _normal(direction), True)
+    floats = tuple(map(float, rho))
+    certificate = Undetectability(**model.fields(), rho=floats, rate=float(limit), step=int(step))
+    proved = certificate if certificate.verify() else None
+    return Undetectable(floats, complex(values[worst]), _normal(direction), True, proved)
 
 
 def _normal(v: np.ndarray) -> tuple[complex, ...]:
@@ -155,7 +138,7 @@ def _normal(v: np.ndarray) -> tuple[complex, ...]:
 def _searched(model: Polytope, limit: float, step: bool):
     """Zeros of |(A(rho) - s I) v|^2 + |C v|^2 + (|v|^2 - 1)^2 over rho in the box and Re s not decaying, by Gauss-Newton steps
     in the coordinates and the time (the delta form, for step models) in which the model is balanced."""
-    place = corner_lmi.frame(model, step=step)
+    place = frame(model, step=step)
     balanced, n = place.model, model.n
     first = [model.tied.index(k) for k in model.tied]
     free = [k for k in sorted(set(first)) if model.lower[k] < model.upper[k]]

@@ -19,7 +19,8 @@ EXCESS = 1.1  # of the first gain over the one at which an inequality of the con
 class Lemma1:
     """gain K (n,) and p (n, n) with (A(a) - K C)'P + P (A(a) - K C) + 2 rate P < 0 for all a_i in [lower_i, upper_i].
 
-    The paper's K has the other sign. certificate: the exact proof at all 2^{n-1} corners, in the coordinates d_i e_i (d (n,)).
+    The paper's K has the other sign. certificate: the exact proof at all 2^{n-1} corners, for K and P as they are; its origin
+    says so where only the proof in the coordinates d_i e_i (d (n,)), for d_i K_i before rounding, passes.
     """
 
     gain: np.ndarray
@@ -58,7 +59,10 @@ def lemma1(lower: Numbers, upper: Numbers, *, rate: float | None = None) -> Lemm
     except Infeasible:
         gain, certificate = _by_construction(model, wanted)
     assert isinstance(certificate, Corners)
-    return Lemma1(gain[:, 0] / d, np.asarray(certificate.p) * np.outer(d, d), d, certificate)
+    k, p = gain[:, 0] / d, np.asarray(certificate.p) * np.outer(d, d)
+    own: dict[str, Any] = chain_model(low, high).fields()
+    carried = Corners(**own, gain=as_tuples(k[:, None]), p=as_tuples(p), rate=wanted)
+    return Lemma1(k, p, d, carried if carried.verify() else certificate)
 
 
 def chain_model(lower: np.ndarray, upper: np.ndarray) -> Polytope:

@@ -85,10 +85,13 @@ def _require_detectable(model: Polytope, rate: float | None, step: bool) -> None
     if point is not None:
         margin = 1 - abs(point.eigenvalue) if step else -point.eigenvalue.real
         change = "No gain moves this mode: measure something else, or give bounds that exclude the point."
-        raise Infeasible(str(point), margin, change, tried=("the pair (A(rho), C) on the box, before any solve",))
+        tried = ("the pair (A(rho), C) on the box, before any solve",)
+        raise Infeasible(str(point), margin, change, tried=tried, certificate=point.certificate)
 
 
 def _origin(plant: Plant, channels: Channels) -> str:
+    if channels.complete:
+        return channels.origin
     inside = plant.plant if isinstance(plant, Discretised) else plant
     if isinstance(inside, Saturated):
         box = f"{np.asarray(inside.lower).tolist()} .. {np.asarray(inside.upper).tolist()}"

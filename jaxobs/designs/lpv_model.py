@@ -26,7 +26,8 @@ class Channels:
     """f(x) - f(z) = sum_k rho_k left_k right_k' (x - z),   lower_k <= rho_k <= upper_k.
 
     left (q, r), its columns left_k; right (r, n), its rows; lower, upper (r,). tied (r,): channels with equal numbers have one
-    rho; () if each has its own. origin: where the bounds come from; it becomes an assumption of the certificate.
+    rho; () if each has its own. origin: where the bounds come from; it becomes an assumption of the certificate. complete:
+    whether it also says where the state and its estimate are, as that of `proved_channels` does.
     """
 
     left: np.ndarray
@@ -35,6 +36,7 @@ class Channels:
     upper: np.ndarray
     tied: tuple[int, ...] = ()
     origin: str = GIVEN
+    complete: bool = False
 
     def __post_init__(self):
         for name in ("left", "right", "lower", "upper"):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+from typing import Any
 
 import numpy as np
 
@@ -75,6 +76,11 @@ class Polytope:
         """For each channel, the first one with the same parameter."""
         return [self.tied.index(k) for k in self.tied]
 
+    def fields(self) -> dict[str, Any]:
+        """What certificates store of it, in tuples."""
+        fields: dict[str, Any] = {"tied": self.tied if len(set(self.tied)) < self.r else ()}
+        return fields | {name: as_tuples(getattr(self, name)) for name in ("a", "b", "c", "lower", "upper", "output")}
+
     def at(self, rho: np.ndarray) -> np.ndarray:
         """a + sum_k rho_k b_k c_k'."""
         return self.a + (self.b * rho) @ self.c
@@ -107,3 +113,8 @@ class Polytope:
     def in_time(self, unit: float) -> "Polytope":
         """The same dynamics in the time t / unit: every rate times unit. A gain there is unit L."""
         return Polytope(self.a * unit, self.b * unit, self.c, self.lower, self.upper, self.output, self.tied)
+
+
+def as_tuples(array: np.ndarray) -> tuple[Any, ...]:
+    """Nested tuples of floats, as certificates store arrays."""
+    return tuple(map(as_tuples, array)) if array.ndim > 1 else tuple(float(x) for x in array)

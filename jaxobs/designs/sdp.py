@@ -14,15 +14,15 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import clarabel
 import cvxpy as cp
 import numpy as np
 import scipy.linalg
+import scipy.sparse
 
 from jaxobs._module import refuse
 
-# The second is asked only when the first returns no values at all.
-SOLVERS = ((cp.CLARABEL, {}), (cp.SCS, {"eps": 1e-8, "max_iters": 2_000}))
-
+ITERATIONS = 80  # of the solver: what takes longer does not converge
 ROUNDING = 1e-10  # a bound this close to zero decides nothing
 REFINEMENTS = 30  # alternating projections of the duals
 
@@ -156,8 +156,8 @@ def _coefficients(unknowns: Unknowns, lmis: Callable[..., Matrices]) -> tuple[li
 
 def _solve(unknowns, program, objective, offset, reach, inequalities) -> Solution:
     """maximise objective'x + offset with program >= 0 and |x| <= reach; `inequalities` are what the margin is taken of."""
-    for solver, options in SOLVERS:
-        x, duals = _propose(program, objective, reach, solver, options)
+    for first in (True, False):
+        x, duals = _propose(program, objective, reach, first)
         if x is None:
             continue
         entries = x[: len(inequalities[1][0])]
@@ -173,7 +173,41 @@ def _solve(unknowns, program, objective, offset, reach, inequalities) -> Solutio
     return Solution({}, -np.inf, -np.inf, np.inf, ())
 
 
-def _propose(program, objective, reach, solver, options) -> tuple[np.ndarray | None, list[np.ndarray]]:
+def _propose(program, objective, reach, first: bool) -> tuple[np.ndarray | None, list[np.ndarray]]:
+    """x and the duals, as Clarabel has them; SCS is asked only when that returns no values at all."""
+    return _clarabel(program, objective, reach) if first else _scs(program, objective, reach)
+
+
+def _clarabel(program, objective, reach) -> tuple[np.ndarray | None, list[np.ndarray]]:
+    """Without a modelling language, which takes longer than the solution."""
+    size, box = len(objective), np.diag(1 / reach)
+    slopes, offsets, kinds = [box, -box], [np.ones(2 * size)], [clarabel.NonnegativeConeT(2 * size)]
+    triangles = []
+    for first, part in zip(*program, strict=True):
+        columns, rows = np.tril_indices(len(first))  # the upper triangle, column by column
+        weights = np.where(rows == columns, 1.0, np.sqrt(2.0))
+        triangles.append((rows, columns, weights))
+        slopes.append(-(part[:, rows, columns] * weights).T)
+        offsets.append(first[rows, columns] * weights)
+        kinds.append(clarabel.PSDTriangleConeT(len(first)))
+    settings = clarabel.DefaultSettings()
+    settings.verbose, settings.max_iter = False, ITERATIONS
+    matrix, quadratic = scipy.sparse.csc_matrix(np.concatenate(slopes)), scipy.sparse.csc_matrix((size, size))
+    solver = clarabel.DefaultSolver(quadratic, -np.asarray(objective, float), matrix, np.concatenate(offsets), kinds, settings)
+    found = solver.solve()
+    x, z = np.array(found.x), np.array(found.z)[2 * size :]
+    if not (np.all(np.isfinite(x)) and np.all(np.isfinite(z))):
+        return None, []
+    duals = []
+    for (first, _), (rows, columns, weights) in zip(zip(*program, strict=True), triangles, strict=True):
+        dual = np.zeros_like(first)
+        dual[rows, columns] = dual[columns, rows] = z[: len(rows)] / weights
+        duals.append(_positive_part(dual))
+        z = z[len(rows) :]
+    return x, duals
+
+
+def _scs(program, objective, reach) -> tuple[np.ndarray | None, list[np.ndarray]]:
     x = cp.Variable(len(objective))
     cones = []
     for first, slopes in zip(*program, strict=True):
@@ -184,7 +218,7 @@ def _propose(program, objective, reach, solver, options) -> tuple[np.ndarray | N
     with warnings.catch_warnings():  # "may be inaccurate": recomputed by the caller, whatever the solver says
         warnings.simplefilter("ignore")
         try:
-            problem.solve(solver=solver, **options)
+            problem.solve(solver=cp.SCS, eps=1e-8, max_iters=2_000)
         except (cp.SolverError, ValueError, ArithmeticError):
             return None, []
     if x.value is None or not np.all(np.isfinite(x.value)):

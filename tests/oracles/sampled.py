@@ -45,8 +45,11 @@ def bisected(stable, high):
     return low
 
 
-def walk(model, gain, delta, pieces, samples, rng):
-    """e at the ends of short pieces of random constant parameters, over random intervals up to delta, (times, errors, ages)."""
+def walk(model, gain, delta, pieces, samples, rng, inner=None):
+    """e at the ends of short pieces of random constant parameters, over random intervals up to delta, (times, errors, ages).
+
+    inner (r, p): of the innovation that the channels see."""
+    inner = np.zeros((model.r, model.p)) if inner is None else inner
     e, now = rng.normal(size=model.n), 0.0
     times, errors, since = [0.0], [e], [0.0]
     for _ in range(samples):
@@ -54,7 +57,7 @@ def walk(model, gain, delta, pieces, samples, rng):
         state = np.concatenate([e, model.output @ e])
         for k in range(pieces):
             rho = rng.choice([model.lower, model.upper, rng.uniform(model.lower, model.upper)])
-            state = over(model.at(rho), gain, interval / pieces) @ state
+            state = over(model.at(rho), gain + (model.b * rho) @ inner, interval / pieces) @ state
             times.append(now + (k + 1) * interval / pieces)
             errors.append(state[: model.n])
             since.append((k + 1) * interval / pieces)

@@ -25,10 +25,10 @@ def frozen_instability(d):
 def switching_instability(d):
     x, points, step = Box(d, inner=False, origin=False), d.rows("points"), _step(d)
     durations, repeats = d.vector("durations", len(points)), d.integer("repeats")
-    if not points or repeats < 1:
-        raise Malformed("points or repeats")
+    if not 1 <= repeats <= 256 or len(d.integers("scale")) not in (0, x.n):  # coordinates against rounding, without a say in the truth
+        raise Malformed("repeats or scale")
     yield x.ordered and all(x.holds(rho) for rho in points)
-    yield min(durations) > 0 and not (step and any(t.q != 1 for t in durations))
+    yield min(durations) > 0 and not (step and any(t.q != 1 or t > 256 for t in durations))
     yield _trace_exceeds(x, points, durations, repeats, step)
 
 
@@ -41,8 +41,8 @@ def _trace_exceeds(x, points, durations, repeats, step):
             m = flint.arb_mat(identity(x.n))
             for rho, t in zip(points, durations, strict=True):
                 f = x.f(rho)
-                m = (flint.arb_mat(f) ** int(t.p) if step else (flint.arb_mat(f) * flint.arb(t)).exp()) * m
-            size = abs((m**repeats).trace())
+                m = (_power(flint.arb_mat(f), int(t.p)) if step else (flint.arb_mat(f) * flint.arb(t)).exp()) * m
+            size = abs(_power(m, repeats).trace())
             if size > x.n:
                 return True
             if size <= x.n:
@@ -52,14 +52,20 @@ def _trace_exceeds(x, points, durations, repeats, step):
     return False
 
 
+def _power(m, exponent):
+    """By squaring, for exponents beyond those of a machine word."""
+    result = flint.arb_mat(identity(m.nrows()))
+    for digit in bin(exponent)[2:]:
+        result = result * result * m if digit == "1" else result * result
+    return result
+
+
 def no_gain(d):
     """S >= 0 for S = sum F_c X_c + X_c F_c' + 2 rate X_c, X_c >= 0 not all zero; every gain, or every one |L| <= radius."""
     step, own = _step(d), d.given("gain")
     x, points, rate = Box(d, gain=own, inner=False, origin=False), d.rows("points"), d.scalar("rate")
     radius, t = d.scalar("radius"), d.scalar("t")
     stacked = d.matrix("multipliers", len(points) * x.n, x.n)
-    if not points:
-        raise Malformed("points")
     multipliers = [matrix(stacked.tolist()[k * x.n : (k + 1) * x.n]) for k in range(len(points))]
     yield x.ordered and all(x.holds(rho) for rho in points)
     yield all(semidefinite(m) for m in multipliers) and any(trace(m) > 0 for m in multipliers)
@@ -75,11 +81,11 @@ def no_gain(d):
 
 
 def _every_gain(x, total, seen, radius, t):
-    if radius == 0:
+    if radius <= 0:
         yield seen == algebra.zeros(x.n, x.p)
         yield semidefinite(total)
     else:
-        yield radius > 0 and t > 0
+        yield t > 0
         grid = [[total - t * radius**2 * identity(x.n), seen], [seen.transpose(), t * identity(x.p)]]
         yield semidefinite(block(grid))
 
@@ -96,8 +102,11 @@ def undetectable(d):
     yield basis is not None
     gram = (basis.transpose() * basis).inv() * basis.transpose()
     inside = gram * a * basis
-    shifted = inside * (1 / rate) if step else inside + rate * identity(inside.nrows())
-    yield algebra.unstable(shifted, step=step, strictly=False)
+    if step:
+        yield rate > 0
+        yield algebra.unstable(inside * (1 / rate), step=step, strictly=False)
+    else:
+        yield algebra.unstable(inside + rate * identity(inside.nrows()), step=step, strictly=False)
 
 
 def _kernel(m):
@@ -135,7 +144,7 @@ def gain_floor(d):
         d.scalar("level"),
     )
     weights = d.vector("weights", len(points) * x.n)
-    if not points or x.p != 1:
+    if x.p != 1:
         raise Malformed("points or output")
     yield x.ordered and all(x.holds(rho) for rho in points)
     yield all(w >= 0 for w in weights) and any(w > 0 for w in weights) and level >= 0

@@ -1,0 +1,24 @@
+"""The command line: `jaxobs demo`, `reproduce`, `certify`, `verify`, `bench`."""
+
+import sys
+
+import tyro
+from rich.console import Console
+
+from jaxobs.cli.bench import bench
+from jaxobs.cli.certify import certify
+from jaxobs.cli.demo import demo
+from jaxobs.cli.reproduce import reproduce
+from jaxobs.cli.verify import verify
+
+COMMANDS = {"demo": demo, "reproduce": reproduce, "certify": certify, "verify": verify, "bench": bench}
+
+
+def main() -> None:
+    """The entry point `jaxobs`."""
+    try:
+        code = tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="jaxobs")
+    except KeyboardInterrupt:
+        Console(stderr=True).print("stopped")
+        code = 130
+    sys.exit(code)
