@@ -1,12 +1,14 @@
-"""Mutated certificates with travelling bounds: each with a hash that fits, so that mathematics has to refuse it."""
+"""Mutated and hostile certificates with travelling bounds, with a hash that fits: mathematics has to refuse them."""
 
 import contextlib
 import copy
+import json
 import math
 import random
 import struct
 
 import bounds_cases
+import numpy as np
 from oracles import bounds as oracle
 
 from jaxobs.certificates import checker_bounds, checker_more
@@ -14,6 +16,46 @@ from jaxobs.certificates import checker_bounds, checker_more
 OPERATIONS = ["sin", "cos", "tanh", "exp", "log", "sqrt", "atan", "erf", "*", "min", "^", "x", "<="]
 UNREADABLE = (TypeError, ValueError, KeyError, IndexError, AttributeError, OverflowError, ZeroDivisionError)
 PARTS = ["a", "b", "c", "lower", "upper", "tied", *["bounds"] * 6]
+
+
+DEEP = "[" * 3000 + "]" * 3000
+ZERO = "0x0.0p+0"
+HOSTILE = {
+    "a bound inside the range": (("upper", 0), lambda x: (float.fromhex(x) - 1e-3).hex(), "on the leaf"),
+    "one bit of a": (("a", 1, 0), lambda x: np.nextafter(float.fromhex(x), 9.0).item().hex(), "as formulas"),
+    "one bit of b": (("b", 1, 0), lambda x: np.nextafter(float.fromhex(x), 9.0).item().hex(), "as formulas"),
+    "a truncated bisection": (("bounds", "parameters", 0, "splits"), lambda x: x[:-1], "the leaves cover the box"),
+    "a bisection that goes on": (("bounds", "parameters", 0, "splits"), lambda x: [*x, 0], "follows the last leaf"),
+    "a cut outside its box": (("bounds", "parameters", 0, "splits"), lambda x: [[0, "0x1p9"], 0, 0], "within the box it cuts"),
+    "a cut along no variable": (("bounds", "parameters", 0, "splits"), lambda x: [[7, "0x0p0"], 0, 0], "an integer from 0"),
+    "a cut that is not a number": (("bounds", "parameters", 0, "splits"), lambda x: [[0, "nan"], 0, 0], "malformed"),
+    "a node that refers to itself": (("bounds", "nodes", 1), ["sin", [ZERO, [1, "0x1p0"]]], "an integer from 0 to 0"),
+    "a node that refers ahead": (("bounds", "nodes", 1), ["sin", [ZERO, [3, "0x1p0"]]], "an integer from 0 to 0"),
+    "an unknown operation": (("bounds", "nodes", 1), ["eval", [ZERO]], "a known operation"),
+    "too many arguments": (("bounds", "nodes", 1), ["sin", [ZERO], [ZERO]], "a known operation"),
+    "a node twice in a sum": (("bounds", "jacobian", 1, 0), [ZERO, [0, "1/2"], [0, "1/2"]], "names its nodes once"),
+    "a huge power": (("bounds", "nodes", 1), ["^", [ZERO, [0, "0x1p0"]], 10**9], "an integer from -64 to 64"),
+    "no integer for a power": (("bounds", "nodes", 1), ["^", [ZERO, [0, "0x1p0"]], 2.0], "an integer from -64 to 64"),
+    "a division by zero": (("bounds", "nodes", 1), ["^", [ZERO, [0, "0x1p0"]], -1], "undefined"),
+    "the logarithm of a negative number": (("bounds", "nodes", 1), ["log", [ZERO, [0, "0x1p0"]]], "undefined"),
+    "a huge exponent": (("a", 0, 0), "0x1p99999999999", "malformed"),
+    "a huge fraction": (("bounds", "jacobian", 0, 0), ["1" * 400 + "/1"], "malformed"),
+    "a fraction of many digits": (("bounds", "jacobian", 0, 0), ["1" * 5000 + "/7"], "malformed"),
+    "a fraction with an exponent": (("bounds", "jacobian", 0, 0), ["1e999999999/7"], "malformed"),
+    "a number that is no text": (("bounds", "jacobian", 0, 0), [0.0], "malformed"),
+    "NaN": (("upper", 0), "nan", "malformed"),
+    "a NaN in the box": (("bounds", "lower", 0), "nan", "lower <= upper"),
+    "an empty box": (("bounds", "lower", 0), "inf", "lower <= upper"),
+    "infinite bounds": (("upper", 0), "inf", "malformed"),
+    "no parameters": (("bounds", "parameters"), [], "malformed"),
+    "no box": (("bounds", "upper"), [], "malformed"),
+    "a list for a name": (("bounds", "variables", 0), ["x1"], "malformed"),
+    "a name of two lines": (("bounds", "variables", 0), "x1\nfile.json: the bounds hold", "plain names"),
+    "a name twice": (("bounds", "variables", 0), "x2", "plain names"),
+    "another format": (("bounds", "format"), "jaxobs-bounds/2", "format"),
+    "no bounds": (("bounds",), None, "malformed"),
+    "deep nesting": (("bounds", "nodes"), json.loads("[" * 200 + "]" * 200), "malformed"),
+}
 
 
 def flipped(draw, x):
@@ -114,7 +156,7 @@ def mutated(draw):
     return name, body | {"sha256": checker_more.digest(body)}
 
 
-def refutation(draw, data, points=30):
+def refutation(draw, data, points):
     """A sentence with a point of the box that refutes the file, None, or "malformed" for what cannot be read."""
     try:
         return oracle.refuted(data, oracle.points_of(data["bounds"], points, draw.randrange(10**6)))
@@ -122,15 +164,15 @@ def refutation(draw, data, points=30):
         return f"malformed: {error}"
 
 
-def counted(count, seed):
+def counted(count, seed, points, most):
     """Judges mutated files: how many are accepted (of these, confirmed by balls over the box), refused and refuted by a point,
     refused as malformed, refused although no point refutes them. AssertionError where a false one is accepted."""
     draw, counts = random.Random(seed), dict.fromkeys(("accepted", "confirmed", "refuted", "malformed", "not refuted"), 0)
     for _ in range(count):
         _, data = mutated(draw)
-        found, refuted = checker_bounds.check(data), refutation(draw, data)
+        found, refuted = checker_bounds.check(data), refutation(draw, data, points)
         if found["holds"]:
-            confirmed = oracle.bounded(data, most=100)
+            confirmed = oracle.bounded(data, most=most)
             assert refuted is None, (refuted, data)
             assert confirmed is not False, data
             counts["accepted"] += 1

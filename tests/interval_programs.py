@@ -85,7 +85,9 @@ def interpolated(z):
     place = jnp.clip(z * 2.0 + 3.0, 0.0, 5.99)
     low = jnp.floor(place).astype(int)
     table = jnp.asarray(TABLE)
-    return table[low] * (1.0 - (place - low)) + table[low + 1] * (place - low)
+    knots = jnp.asarray([-1.0, 0.0, 2.0])
+    ramp = jnp.interp(z, knots, jnp.asarray([3.0, 1.0, 5.0])) + jnp.searchsorted(knots, z).astype(z.dtype)
+    return ramp + table[low] * (1.0 - (place - low.astype(z.dtype))) + table[low + 1] * (place - low.astype(z.dtype))
 
 
 def indexed(z):

@@ -5,7 +5,7 @@ Each is the body of a file: floats in hexadecimal, without claim, assumptions an
 
 import numpy as np
 from oracles import flint_certificates as oracle
-from oracles import riccati
+from oracles import polynomial, riccati
 from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov, solve_discrete_lyapunov
 
 SHIFT2, SHIFT3 = np.eye(2, k=1), np.eye(3, k=1)
@@ -161,6 +161,26 @@ def noisy():
             yield at_the_edge(proved(theorem, small, p, **more | delta), "level", 1e-6)
 
 
+def random_condition(rng):
+    """The fields of condition (5) for a random size and gain, witnesses close to the edge, rho on either side of it."""
+    size = int(rng.integers(1, 6))
+    q = int(rng.integers(0, size))
+    alphas = polynomial.spectral_factor(np.exp(rng.uniform(-1, 1, size)))
+    gamma = float(10 ** rng.uniform(-0.3, 0.7))
+    p, _ = riccati.solve(alphas, gamma)
+    left, right = riccati.parts(alphas, gamma)
+    rho = float(left / right * 10 ** rng.uniform(-0.3, 0.1))
+    mu, nu = float(left * (1 - 1e-6)), float(np.linalg.eigvalsh(p)[-1] * (1 + 1e-6))
+    return {"alphas": tuple(map(float, alphas)), "gamma": gamma, "lipschitz": rho, "n": size - q, "q": q, "mu": mu, "nu": nu}
+
+
+def conditions():
+    """Condition (5) and (44) at random sizes."""
+    rng = np.random.default_rng(1)
+    drawn = [body("condition5", **random_condition(rng)) for _ in range(12)]
+    yield from (data for data in drawn if oracle.judge(data))
+
+
 def high_gains():
     alphas, gamma = (3.0, 2.0), 6.0
     p, _ = riccati.solve(alphas, gamma)
@@ -260,5 +280,5 @@ def beyond():
 
 def seeds():
     """All of them."""
-    groups = (decaying, stepping, noisy, high_gains, growing, absent, beyond)
+    groups = (decaying, stepping, noisy, conditions, high_gains, growing, absent, beyond)
     return [data for group in groups for data in group()]

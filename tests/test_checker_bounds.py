@@ -2,7 +2,6 @@
 
 import copy
 import dataclasses
-import json
 import math
 import random
 import shutil
@@ -18,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from bounds_cases import DUFFING, field, models, travelling
+from bounds_mutations import DEEP, HOSTILE, ZERO
 from oracles import bounds as oracle
 
 from jaxobs import plants
@@ -69,16 +69,19 @@ def arb(x):
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
-def test_function_at_one_number_encloses_the_200_bit_ball(name):
-    draw, flint.ctx.prec = random.Random(name), 200
+def test_function_at_one_number_encloses_the_400_bit_ball(name):
+    draw, flint.ctx.prec = random.Random(name), 400
     for _ in range(300):
-        size = 2.0 ** draw.uniform(-60, 4 if name == "erf" else 29)
+        size = 2.0 ** draw.uniform(-60, 29) if name != "erf" else draw.uniform(0, 9)
         x = Fraction(size * (1 if name in ("log", "sqrt") else draw.choice([-1, 1])))
         low, high = checker_bounds.at(name, x)
         value = getattr(arb(x), name)()
         assert not value < arb(low), (name, x)
         assert high == math.inf or not value > arb(high), (name, x)
-        assert high == math.inf or high - low <= abs(low) / 2**75 + Fraction(1, 2 ** (70 if name == "erf" else 95)), (name, x)
+        if high < math.inf:
+            assert high - low <= abs(low) / 2**75 + Fraction(1, 2 ** (70 if name == "erf" else 95)), (name, x)
+            if abs(x) < {"erf": 7, "exp": 1000, "sqrt": 0, "tanh": 0}.get(name, math.inf):  # the margin far exceeds roundings
+                assert abs(value - arb((low + high) / 2)) <= arb((high - low) / 1000), (name, x)
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -138,46 +141,6 @@ def changed(name, *path, to):
         target = target[key]
     target[path[-1]] = to(target[path[-1]]) if callable(to) else to
     return sealed(data)
-
-
-DEEP = "[" * 3000 + "]" * 3000
-ZERO = "0x0.0p+0"
-HOSTILE = {
-    "a bound inside the range": (("upper", 0), lambda x: (float.fromhex(x) - 1e-3).hex(), "on the leaf"),
-    "one bit of a": (("a", 1, 0), lambda x: np.nextafter(float.fromhex(x), 9.0).item().hex(), "as formulas"),
-    "one bit of b": (("b", 1, 0), lambda x: np.nextafter(float.fromhex(x), 9.0).item().hex(), "as formulas"),
-    "a truncated bisection": (("bounds", "parameters", 0, "splits"), lambda x: x[:-1], "the leaves cover the box"),
-    "a bisection that goes on": (("bounds", "parameters", 0, "splits"), lambda x: [*x, 0], "follows the last leaf"),
-    "a cut outside its box": (("bounds", "parameters", 0, "splits"), lambda x: [[0, "0x1p9"], 0, 0], "within the box it cuts"),
-    "a cut along no variable": (("bounds", "parameters", 0, "splits"), lambda x: [[7, "0x0p0"], 0, 0], "an integer from 0"),
-    "a cut that is not a number": (("bounds", "parameters", 0, "splits"), lambda x: [[0, "nan"], 0, 0], "malformed"),
-    "a node that refers to itself": (("bounds", "nodes", 1), ["sin", [ZERO, [1, "0x1p0"]]], "an integer from 0 to 0"),
-    "a node that refers ahead": (("bounds", "nodes", 1), ["sin", [ZERO, [3, "0x1p0"]]], "an integer from 0 to 0"),
-    "an unknown operation": (("bounds", "nodes", 1), ["eval", [ZERO]], "a known operation"),
-    "too many arguments": (("bounds", "nodes", 1), ["sin", [ZERO], [ZERO]], "a known operation"),
-    "a node twice in a sum": (("bounds", "jacobian", 1, 0), [ZERO, [0, "1/2"], [0, "1/2"]], "names its nodes once"),
-    "a huge power": (("bounds", "nodes", 1), ["^", [ZERO, [0, "0x1p0"]], 10**9], "an integer from -64 to 64"),
-    "no integer for a power": (("bounds", "nodes", 1), ["^", [ZERO, [0, "0x1p0"]], 2.0], "an integer from -64 to 64"),
-    "a division by zero": (("bounds", "nodes", 1), ["^", [ZERO, [0, "0x1p0"]], -1], "undefined"),
-    "the logarithm of a negative number": (("bounds", "nodes", 1), ["log", [ZERO, [0, "0x1p0"]]], "undefined"),
-    "a huge exponent": (("a", 0, 0), "0x1p99999999999", "malformed"),
-    "a huge fraction": (("bounds", "jacobian", 0, 0), ["1" * 400 + "/1"], "malformed"),
-    "a fraction of many digits": (("bounds", "jacobian", 0, 0), ["1" * 5000 + "/7"], "malformed"),
-    "a fraction with an exponent": (("bounds", "jacobian", 0, 0), ["1e999999999/7"], "malformed"),
-    "a number that is no text": (("bounds", "jacobian", 0, 0), [0.0], "malformed"),
-    "NaN": (("upper", 0), "nan", "malformed"),
-    "a NaN in the box": (("bounds", "lower", 0), "nan", "lower <= upper"),
-    "an empty box": (("bounds", "lower", 0), "inf", "lower <= upper"),
-    "infinite bounds": (("upper", 0), "inf", "malformed"),
-    "no parameters": (("bounds", "parameters"), [], "malformed"),
-    "no box": (("bounds", "upper"), [], "malformed"),
-    "a list for a name": (("bounds", "variables", 0), ["x1"], "malformed"),
-    "a name of two lines": (("bounds", "variables", 0), "x1\nfile.json: the bounds hold", "plain names"),
-    "a name twice": (("bounds", "variables", 0), "x2", "plain names"),
-    "another format": (("bounds", "format"), "jaxobs-bounds/2", "format"),
-    "no bounds": (("bounds",), None, "malformed"),
-    "deep nesting": (("bounds", "nodes"), json.loads("[" * 200 + "]" * 200), "malformed"),
-}
 
 
 @pytest.mark.parametrize("what", HOSTILE)
@@ -263,13 +226,14 @@ def test_wrong_bounds_and_wrong_matrices_are_refused_by_the_producer():
 def test_relaxed_bounds_contain_the_range_and_are_certified_again():
     one = dataclasses.replace(travelling()["Duffing"].certificate, rate=0.0)  # which leaves a margin
     narrow, box = dataclasses.replace(one, upper=(4.0 - 1e-6,)), [2.0, np.inf]
-    with pytest.raises(ValueError, match=r"where rho = .* is 4 at|not proved"):
+    with pytest.raises(ValueError, match=r"where rho = \(x1\)\^2 is 3\.999.* at x1 = "):
         with_bounds(narrow, field(DUFFING), np.negative(box), box)
     relaxed = with_bounds(narrow, field(DUFFING), np.negative(box), box, relax=1e-5)
     assert relaxed.certificate.upper[0] > 4 > narrow.upper[0]
     assert relaxed.verify().holds
 
 
+@pytest.mark.slow
 def test_models_of_lpv_from_are_reproduced_to_the_last_bit():
     box = np.array([2.0, 3.0])
     _, certificate = corner_lmi.synthesise(lpv_from(plants.VanDerPol(), None, (-box, box)).model, rate=0.05)
@@ -287,9 +251,11 @@ def test_saturated_plant_on_the_whole_space():
     assert found.leaves == 4  # one for each entry: both branches of the switch are enclosed
 
 
-@pytest.mark.parametrize("count", [120, pytest.param(3000, marks=pytest.mark.slow)])
-def test_no_mutated_file_that_is_false_is_accepted(count):
-    counts = mutations.counted(count, seed=count)
+@pytest.mark.parametrize(
+    ("count", "points", "most"), [(200, 8, 20), pytest.param(3000, 30, 100, marks=pytest.mark.slow)], ids=["few", "many"]
+)
+def test_no_mutated_file_that_is_false_is_accepted(count, points, most):
+    counts = mutations.counted(count, seed=count, points=points, most=most)
     assert counts["accepted"] >= count / 8
-    assert counts["confirmed"] >= counts["accepted"] / 2
+    assert counts["confirmed"] >= counts["accepted"] / 3
     assert counts["refuted"] >= count / 8

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from flint import arb
-from hypothesis import assume, example, given
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from jaxobs import intervals, plants
@@ -34,6 +34,7 @@ def check_single(found: Interval, exact: Fraction) -> None:
         assert math.nextafter(lower, math.inf) == upper
 
 
+@settings(max_examples=50)
 @given(FLOATS, FLOATS)
 @example(1e308, 1e308)
 @example(0.1, 0.2)
@@ -45,6 +46,7 @@ def test_sums_are_the_floats_around_the_exact_sum(a: float, b: float):
         assert found.is_point
 
 
+@settings(max_examples=50)
 @given(MODERATE, MODERATE)
 @example(0.1, 10.0)
 def test_products_and_quotients_are_the_floats_around_the_exact_ones(a: float, b: float):
@@ -57,6 +59,7 @@ def test_products_and_quotients_are_the_floats_around_the_exact_ones(a: float, b
     assert found.is_point == (Fraction(float(exact)) == exact)
 
 
+@settings(max_examples=50)
 @given(FLOATS, FLOATS)
 @example(5e-324, 0.5)
 @example(1e-200, 1e-200)
@@ -71,6 +74,7 @@ def test_products_and_quotients_hold_at_the_ends_of_the_range(a: float, b: float
     assert Fraction(float(found.upper)) >= exact if math.isfinite(found.upper) else found.upper > 0
 
 
+@settings(max_examples=50)
 @given(st.floats(0, allow_infinity=False))
 @example(4.0)
 @example(5e-324)
@@ -82,6 +86,7 @@ def test_a_square_root_is_enclosed(a: float):
         assert found.is_point
 
 
+@settings(max_examples=50)
 @given(st.lists(FLOATS, min_size=4, max_size=4), st.lists(FLOATS, min_size=4, max_size=4), st.data())
 def test_operations_enclose_those_of_every_number(first, second, data):
     x, y = (Interval(min(p[:2]), max(p[:2])) for p in (first, second))

@@ -15,7 +15,8 @@ from tests.interval_programs import ALONE, FURTHER, Program, of_plant, plant_nam
 from tests.oracles import ball_program
 
 SLOW_BOXES, POINTS = 1200, 6
-LONG = ("indexed", "written")  # many scatters, each compiled for the reference: in the long run only
+# Gathers and scatters are compiled for the reference: these are in the long run, and their rules in test_intervals_rules.py.
+LONG = ("indexed", "written", "extremes", "sliced", "mixed", "table", "sorted", "chosen", "branches")
 
 
 def program_of(name: str):
@@ -32,9 +33,9 @@ def test_values_and_jacobian_lie_in_their_enclosures(name: str):
 
 @pytest.mark.parametrize("name", list(ALONE))
 def test_values_lie_in_their_enclosures_without_a_batch(name: str):
-    count = fuzz_alone(ALONE[name], 15, 4, seed=0)
+    count = fuzz_alone(ALONE[name], 10, 3, seed=0)
     assert count.violations == 0
-    assert count.values >= 15 * 4
+    assert count.values >= 10 * 3
 
 
 @pytest.mark.slow
@@ -112,8 +113,8 @@ def test_the_tightness_table_narrows_as_the_box_is_halved():
     benchmark = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(benchmark)
     benchmark.SAMPLES = 2000
-    rows = benchmark.table(["Pendulum", "rational"])
-    assert [name for name, _, _ in rows] == ["Pendulum", "rational"]
+    rows = benchmark.table(["Pendulum"])
+    assert [name for name, _, _ in rows] == ["Pendulum"]
     for name, count, each in rows:
         assert count > 0
         worst = [most for _, most in filter(None, each)]

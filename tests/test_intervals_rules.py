@@ -184,3 +184,73 @@ def test_scan_is_its_steps_in_turn():
     none = bound(lambda c: jax.lax.scan(step, c, weights[:0]), box)
     assert ends(none[0]) == ends(box)
     assert none[1].shape == (0, 2)
+
+
+A = np.random.default_rng(5).normal(size=(2, 3, 4))
+K = np.array([[2, 0], [1, 2]])
+FORMS = {
+    "axes of reductions": lambda a: [jnp.sum(a, (0, 2)), jnp.max(a, 1), jnp.min(a, (1, 2)), jnp.prod(a, 0), jnp.mean(a)],
+    "places of extremes": lambda a: [jnp.argmax(a, 1), jnp.argmin(a, 2), jnp.argmax(jnp.round(a), 2)],
+    "sums along": lambda a: [jax.lax.cumsum(a, 1, reverse=True), jnp.cumprod(a, 2), jax.lax.cummax(a, 0), jax.lax.cummin(a, 2)],
+    "batched products": lambda a: [jnp.einsum("ijk,ijl->ikl", a, a), jnp.einsum("ijk,klm->ijlm", a, jnp.moveaxis(a, 2, 0))],
+    "vmapped products": lambda a: jax.vmap(lambda x, y: x @ y, in_axes=(0, 2), out_axes=1)(a, jnp.stack([a[0].T, a[1].T], 2)),
+    "padding": lambda a: [jax.lax.pad(a, 0.5, ((1, -1, 2), (-1, 2, 0), (0, 0, 1))), jnp.pad(a, 1, mode="edge")],
+    "reshapes": lambda a: jax.vmap(lambda x: x.reshape(4, 2), in_axes=1, out_axes=2)(a),
+    "reshapes of other axes": lambda a: jax.vmap(jnp.ravel, in_axes=2)(a) + jax.vmap(jnp.ravel, in_axes=2, out_axes=1)(a).T,
+    "orders": lambda a: [
+        jnp.sort(a, 1),
+        jnp.argsort(a, 2),
+        jnp.sort(a, 0, descending=True),
+        jnp.flip(a, (0, 2)),
+        jnp.roll(a, 2, 2),
+    ],
+    "reading": lambda a: [a[:, jnp.asarray(K), :], a[0][jnp.asarray([2, 0]), jnp.asarray([1, 3])], jnp.take(a, -1, 1)],
+    "reading outside": lambda a: [
+        a.at[:, jnp.asarray([3, 0])].get(mode="fill", fill_value=-2.0),
+        a.at[:, jnp.asarray([3, 0])].get(mode="clip"),
+        a[:, 1:, ::2],
+        a[..., ::-1],
+    ],
+    "vmapped reading": lambda a: jax.vmap(lambda x, k: jax.lax.dynamic_slice(x, (k[0], k[1]), (2, 2)), (0, 0))(
+        a, jnp.asarray(K)
+    ),
+    "vmapped reading along": lambda a: jnp.take_along_axis(a, jnp.asarray([[[0, 2, 1, 1]], [[2, 0, 0, 1]]]), 1),
+    "writing": lambda a: [a.at[:, 1].set(7.0), a.at[0, :, jnp.asarray([1, 1, 2])].add(a[1, :, :3].T), a.at[1].multiply(2.0)],
+    "writing outside": lambda a: [
+        a.at[:, jnp.asarray([0, 5])].set(1.0, mode="drop"),
+        a.at[:, jnp.asarray([0, 5])].min(-3.0, mode="clip"),
+        jax.lax.dynamic_update_slice(a, a[:1, :2], (jnp.asarray(1), jnp.asarray(2), jnp.asarray(-3))),
+    ],
+    "vmapped writing": lambda a: [
+        jax.vmap(lambda x, k: x.at[k[0]].add(x[0]).at[:, k[1]].set(x[:, 0]), (1, 0), 1)(
+            a[:, :2], jnp.asarray([[1, 0], [0, 2]])
+        ),
+        jax.vmap(lambda x, k: jax.lax.dynamic_update_slice(x, x[:1], (k[0], k[1])))(a, jnp.asarray(K)),
+    ],
+    "remainders": lambda a: [jnp.mod(a, -0.3), jnp.fmod(a, 0.3), a // 0.25, jnp.round(a * 2), jnp.trunc(a), jnp.sign(a)],
+    "integers": lambda a: [
+        (k := (a * 10).astype(int)) // 3,
+        k % -4,
+        jax.lax.div(k, k * 0 - 3),
+        k >> 1,
+        k & 6,
+        k**2,
+        ~k,
+        abs(k),
+    ],
+    "rotated scan": lambda a: jax.lax.scan(lambda c, x: (c * x, c + x), a[0], a[:, ::-1], reverse=True),
+    "nested branches": lambda a: jax.vmap(lambda x: jax.lax.cond(x[0, 0] > 0, jnp.sin, lambda y: y.T[::-1].T, x))(a),
+    "vmapped scan": lambda a: jax.vmap(lambda x: jax.lax.scan(lambda c, y: (c + y, c * y), x[0], x), in_axes=1, out_axes=1)(a),
+    "searching": lambda a: [jnp.interp(a, jnp.asarray([-1.0, 0.0, 2.0]), jnp.asarray([3.0, 1.0, 5.0])), jnp.clip(a, a[0], 0.5)],
+    "norms": lambda a: [jnp.linalg.norm(a, axis=2), jnp.cross(a[..., :3], a[..., 1:]), jnp.trace(a[..., :3]), jnp.tril(a)],
+}
+
+
+@pytest.mark.parametrize("name", list(FORMS))
+def test_at_single_numbers_every_form_of_a_primitive_is_that_of_jax(name: str):
+    """Axes, orders, modes and batches: the enclosures of exact arguments are the values that JAX computes."""
+    found, expected = jax.tree.leaves(bound(FORMS[name], A)), jax.tree.leaves(jax.jit(FORMS[name])(jnp.asarray(A)))
+    assert len(found) == len(expected) > 0
+    for x, value in zip(found, expected, strict=True):
+        np.testing.assert_allclose(x.lower, value, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(x.upper, value, rtol=1e-12, atol=1e-12)

@@ -101,7 +101,9 @@ def test_duffing_and_lorenz_of_the_paper():
     lorenz = lpv_from(plants.Lorenz(), None, LORENZ_BOX)
     assert len(lorenz.model.corners()) == 8  # x1 enters twice, tied
     assert lorenz.model.r == 4
-    require_hull(lorenz, lambda x: plants.Lorenz().flow(0.0, x, jnp.zeros(0)), np.random.default_rng(0).uniform(*LORENZ_BOX, (50, 3)))
+    require_hull(
+        lorenz, lambda x: plants.Lorenz().flow(0.0, x, jnp.zeros(0)), np.random.default_rng(0).uniform(*LORENZ_BOX, (50, 3))
+    )
     step = lpv_from(plants.Discretised(plants.Lorenz(), integrators.Euler(), jnp.asarray(0.001)), None, LORENZ_BOX)
     assert step.step
     certificate = corner_lmi.prove(step.model, np.asarray(LORENZ_GAIN), step=True, origin=step.origin)

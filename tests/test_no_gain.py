@@ -72,7 +72,7 @@ def rotating(growth):
 
 
 def test_no_gain_at_all():
-    """One P for x_1 and any (x_2, x_3): by elimination of L, R'(growth I + J) + ... <= 0 for the block R of P, growth < 1/4."""
+    """While (x_2, x_3) decays a gain is found and certified; where it grows fast, none has one P, whatever L."""
     for growth, exists in ((-0.05, True), (2.0, False)):
         model = rotating(growth)
         found = no_gain(model)

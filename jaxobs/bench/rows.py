@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from jaxobs.bench import measures
-from jaxobs.certificates import AbstractCertificate
+from jaxobs.certificates import AbstractCertificate, H2Level
 from jaxobs.designs import H2, Infeasible, prove_level, synthesize
 from jaxobs.designs.polytope import Polytope
 
@@ -87,6 +87,7 @@ def given(problem: Problem, method: str, gain: np.ndarray, *, seconds: float | N
         proof = prove_level(problem.model, gain, objective=problem.objective, cover="corners", origin=problem.origin)
     except Infeasible:
         return _row(problem, method, gain, None, None, None, seconds)
+    assert isinstance(proof, H2Level)
     return _row(problem, method, gain, proof, proof.rate, float(np.sqrt(proof.level)), seconds)
 
 
@@ -108,7 +109,7 @@ def design(problem: Problem, rate: float) -> Design:
     level, certificate = found.level, found.certificate
     try:
         sharper = prove_level(problem.model, found.gain, cover="corners", **shared)
-        if sharper.level < level:
+        if isinstance(sharper, H2Level) and sharper.level < level:
             level, certificate = sharper.level, sharper
     except Infeasible:
         pass  # that of the synthesis stands

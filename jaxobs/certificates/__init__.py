@@ -2,6 +2,8 @@
 
 from jaxobs.certificates.base import AbstractCertificate as AbstractCertificate
 from jaxobs.certificates.base import Verdict as Verdict
+from jaxobs.certificates.bounds import Travelling as Travelling
+from jaxobs.certificates.bounds import with_bounds as with_bounds
 from jaxobs.certificates.condition5 import Condition5 as Condition5
 from jaxobs.certificates.corners import Corners as Corners
 from jaxobs.certificates.corners import StepCorners as StepCorners

@@ -66,8 +66,8 @@ def at(name, x):
     elif name == "log": value = 2 * artanh(fixed((x - Q(2) ** size) / (x + Q(2) ** size))) + size * LN2
     elif name == "atan": value = arctan(fixed(x)) if abs(x) <= 1 else (PI if x > 0 else -PI) // 2 - arctan(fixed(1 / x))
     else:  # erf: 2 / sqrt(pi) exp(-x^2) sum 2^i x^(2i+1) / (1 3 ... (2i+1))
-        t, bell = fixed(x), fixed(sum(at("exp", -x * x)) / 2)
-        value = 2 * (bell * series(t, lambda i: (2 * t * t, (2 * i + 1) << 2 * P)) >> P) * ONE // math.isqrt(PI << P)
+        t, bell = fixed(x), sum(at("exp", -x * x)) / 2  # a fraction: the sum is up to 2^71
+        value = 2 * math.floor(bell * series(t, lambda i: (2 * t * t, (2 * i + 1) << 2 * P))) * ONE // math.isqrt(PI << P)
     return Q(value - ERROR, ONE), Q(value + ERROR, ONE)
 
 def up(x):

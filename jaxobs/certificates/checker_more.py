@@ -44,12 +44,37 @@ def high_gain_lmi(d):
     least = sum(max(abs(d.lower[i]), abs(d.upper[i])) ** 2 * d.theta ** (2 * (i + 1 - m)) for i in range(m))
     yield f"(30), the constant {real(d.constant):.9g} large enough for the slopes,", d.constant**2 >= least
     yield from (("P > 0", d.p), ("nu I - P > 0", d.nu * eye(n) - d.p))
-    f = shifted([x / d.theta**i for i, x in enumerate(d.gain, 1)])
-    bent = lambda psi: f + M([[0] * n] * (n - 1) + [[0] * m + [x / d.sigma ** (d.j0 - i) for i, x in enumerate(psi)]])
-    found = vertices(last, lambda psi: -1 * (sym(d.p @ bent(psi)) + d.lam * eye(n)))
+    f = bent([x / d.theta**i for i, x in enumerate(d.gain, 1)], d.j0, d.sigma)
+    found = vertices(last, lambda psi: -1 * (sym(d.p @ f(psi)) + d.lam * eye(n)))
     yield from ((f"F'P + P F + lambda I < 0, (31), {at(psi)}", x) for psi, x in found)
     d.margins["decay_rate"] = (d.theta * d.lam - 2 * d.constant * d.nu / d.theta**d.j0) / (2 * d.nu)
     yield "theta^{1+j0} lambda > 2 k nu, (32)", d.theta ** (1 + d.j0) * d.lam > 2 * d.constant * d.nu
+
+def bent(gain, j0, scale):
+    """psi -> A - L C + B psi' with the last j0 slopes psi_i / scale^{n+1-i}, (27)."""
+    n, f = len(gain), shifted(gain)
+    row = lambda psi: [0] * (n - j0) + [x / scale ** (j0 - i) for i, x in enumerate(psi)]
+    return lambda psi: f + M([[0] * n] * (n - 1) + [row(psi)])
+
+@theorem("no-hg-lmi", "gain=n? theta= j0:int lower=n upper=n constant= multipliers=R,n w=n,n", "(31)-(32) of the HG/LMI design "
+         "with j0 = {j0} and the constant {constant} have no solution for the gain K = {gain}, or where that is empty for any, at "
+         "theta = {theta} or less, for slopes in [{lower}, {upper}]", NONE)
+def no_high_gain_lmi(d):
+    n, total, mass, rows = len(d.lower), d.w, 0, d.multipliers.rows
+    yield "0 <= j0 <= n, theta >= 1, constant >= 0", 0 <= d.j0 <= n and d.theta >= 1 and d.constant >= 0
+    yield "(28), 0 within the bounds,", all(lo <= 0 <= hi for lo, hi in zip(d.lower, d.upper))
+    ends = [sorted({lo, hi}) for lo, hi in zip(d.lower[n - d.j0 :], d.upper[n - d.j0 :])]
+    yield "one multiplier a corner", len(rows) == n * math.prod(map(len, ends))
+    f = bent(d.gain or [0] * n, d.j0, d.theta)
+    for c, psi in enumerate(itertools.product(*ends)):
+        x = M(rows[c * n : (c + 1) * n])
+        yield f"X >= 0 at corner {c}", definite(x, semi=True)
+        yield f"X C' = 0 at corner {c}", bool(d.gain) or not any(row[0] for row in x.rows)
+        total, mass = total + sym(f(psi) @ x), mass + trace(x)
+    yield "W >= 0", definite(d.w, semi=True)
+    yield "W + sum (F X + X F') >= 0", definite(total, semi=True)
+    d.margins["largest_lambda"] = trace(d.w) / mass if mass else math.inf
+    yield "theta^{1+j0} tr W <= 2 k sum tr X > 0", mass > 0 and d.theta ** (1 + d.j0) * trace(d.w) <= 2 * d.constant * mass
 
 HELD = ("e' = (a + sum_k rho_k b_k c_k) e - (gain + sum_k rho_k b_k inner_k) output e(t_k), t_k <= t < t_k+1, is the error of "
         "the observer: of the continuous plant, the innovation held; 0 < t_k+1 - t_k <= delta, intervals may vary", *MODEL[1:])

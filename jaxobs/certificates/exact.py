@@ -1,33 +1,11 @@
-"""Exact linear algebra for certificates: every float is a dyadic rational, so nothing is rounded from here on."""
+"""Exact linear algebra for designs, papers and tests: every float is a dyadic rational, so nothing is rounded from here on."""
 
-import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 
 Matrix = list[list[Fraction]]
 Entries = Sequence[Sequence[Fraction | int]]
-
-MOST_WORK = 1e13  # of a check, as `work` measures it: about a minute
-
-
-class TooLong(ArithmeticError):
-    """The numbers have so many digits, and the matrices such sizes, that the check would take minutes."""
-
-
-def work(bits: int, size: int, count: int = 1) -> float:
-    """What the elimination in `count` symmetric matrices of this size costs, their entries integers of so many bits."""
-    return count * size**3 * (size * bits + 2000.0) ** 1.6
-
-
-def require_short(what: float) -> None:
-    if what > MOST_WORK:
-        raise TooLong(f"numbers of so many digits would take {what / MOST_WORK:.3g} times as long as allowed")
-
-
-def bits(matrix: Entries) -> int:
-    """The digits of the longest entry, after clearing denominators."""
-    return max((abs(entry).bit_length() for row in cleared(matrix) for entry in row), default=0)
 
 
 def cleared(matrix: Entries) -> list[list[int]]:
@@ -62,32 +40,6 @@ def is_positive_definite(matrix: Entries) -> bool:
         return False
     minors = leading_minors(matrix)
     return len(minors) == n and minors[-1] > 0
-
-
-def at_corners(
-    start: Matrix, slopes: Sequence[Matrix], ends: Sequence[Sequence[float]]
-) -> tuple[int, Iterator[tuple[tuple[float, ...], list[list[int]]]]]:
-    """(c, the pairs x, c (start + sum_k x_k slopes_k) for every choice of x_k among ends_k), all in integers, c > 0.
-
-    TooLong if the elimination in all of these matrices would take minutes.
-    """
-    parts = [[(x, scale(Fraction(x), slope)) for x in values] for slope, values in zip(slopes, ends, strict=True)]
-    matrices = [start, *(part for values in parts for _, part in values)]
-    common = math.lcm(*(entry.denominator for one in matrices for row in one for entry in row))
-
-    def whole(one: Matrix) -> list[list[int]]:
-        return [[int(entry * common) for entry in row] for row in one]
-
-    first, choices = whole(start), [[(x, whole(part)) for x, part in values] for values in parts]
-    longest = max(abs(x).bit_length() for one in (first, *(m for v in choices for _, m in v)) for row in one for x in row)
-    require_short(work(longest + len(choices).bit_length(), len(start), math.prod(map(len, choices))))
-
-    def pairs() -> Iterator[tuple[tuple[float, ...], list[list[int]]]]:
-        for chosen in itertools.product(*choices):
-            rows = zip(first, *(part for _, part in chosen), strict=True)
-            yield tuple(x for x, _ in chosen), [[sum(entries) for entries in zip(*row, strict=True)] for row in rows]
-
-    return common, pairs()
 
 
 def inverse_corner(matrix: Matrix) -> Fraction:
@@ -173,11 +125,3 @@ def zeros(rows: int, columns: int) -> Matrix:
 def block(rows: Sequence[Sequence[Matrix]]) -> Matrix:
     """The matrix made of blocks, as numpy.block."""
     return [[entry for part in parts for entry in part] for blocks in rows for parts in zip(*blocks, strict=True)]
-
-
-def to_float(x: Fraction) -> float:
-    """The nearest float, infinite beyond the largest one: for reading, never for deciding."""
-    try:
-        return float(x)
-    except OverflowError:
-        return math.inf if x > 0 else -math.inf

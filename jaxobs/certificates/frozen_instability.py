@@ -1,9 +1,10 @@
 """One constant value of the parameters at which the error does not decay: a counterexample to a gain."""
 
 import dataclasses
+from fractions import Fraction
 from typing import ClassVar
 
-from jaxobs.certificates import _box, exact
+from jaxobs.certificates import exact
 from jaxobs.certificates.base import AbstractCertificate, FloatMatrix
 from jaxobs.certificates.routh import Count, frozen
 
@@ -38,4 +39,7 @@ class FrozenInstability(AbstractCertificate):
 
     def matrix(self) -> exact.Matrix:
         """F(rho)."""
-        return _box.closed(self, self.rho)
+        a, b, c, output, gain = (exact.matrix(x) for x in (self.a, self.b, self.c, self.output, self.gain))
+        f = exact.subtract(a, exact.product(gain, output))
+        weighted = [[Fraction(x) * entry for entry in row] for x, row in zip(self.rho, c, strict=True)]
+        return exact.add(f, exact.product(b, weighted)) if weighted else f

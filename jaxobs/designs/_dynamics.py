@@ -61,9 +61,13 @@ class Dynamics:
         return dataclasses.replace(self, gain=gain, inner=self.inner if inner is None else inner)
 
     def in_coordinates(self, t: np.ndarray) -> "Dynamics":
-        """The same of t^-1 e."""
-        parts = {"gain": np.linalg.solve(t, self.gain), "process": np.linalg.solve(t, self.process)}
-        return dataclasses.replace(self, model=self.model.in_coordinates(t), weight=self.weight @ t, **parts)
+        """The same of t^-1 e. Powers of two first, which round nothing: the rows of t may span decades."""
+        sizes = 2.0 ** np.round(np.log2(np.linalg.norm(t, axis=1)))
+        here = self
+        for part in (np.diag(sizes), t / sizes[:, None]):
+            moved = {"gain": np.linalg.solve(part, here.gain), "process": np.linalg.solve(part, here.process)}
+            here = dataclasses.replace(here, model=here.model.in_coordinates(part), weight=here.weight @ part, **moved)
+        return here
 
     def in_time(self, unit: float) -> "Dynamics":
         """The same in the time t / unit; weight and noises are left as they are, so that L noise shrinks with L."""

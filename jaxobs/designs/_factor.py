@@ -29,9 +29,8 @@ class Parameter:
         entries = list(self.matrix.values())
         common = math.lcm(*(entry.denominator for entry in entries))
         divisor = Fraction(math.gcd(*(int(entry * common) for entry in entries)), common)
-        for factor in (*map(Fraction, SMALL), divisor, entries[0]):
-            if all(is_float(entry / factor) for entry in entries):
-                break
+        trials = [*map(Fraction, SMALL), divisor]
+        factor = next((one for one in trials if all(is_float(entry / one) for entry in entries)), entries[0])
         terms = tuple((atom, coefficient * factor) for atom, coefficient in self.terms)
         return Parameter(terms, {place: entry / factor for place, entry in self.matrix.items()})
 

@@ -23,7 +23,6 @@ CONDITION = 1e4  # of the P among which none is said to be, in the coordinates w
 REACH = 1e6  # of the gain, in coordinates in which P is about the identity
 FEW = 16  # corners that are all imposed; of more those that are found to be violated
 ADDED = 6  # corners at a time
-ROUNDS = 40  # of adding corners
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,7 +101,7 @@ class Frame:
             return attempt()
         if not self.active:
             self.active.extend(np.argsort(start)[:ADDED].tolist())
-        for _ in range(ROUNDS):
+        while True:  # it ends: each round adds corners
             found = attempt()
             if not found.values or found.margin <= 0:
                 return found  # a part of the corners is too much
@@ -111,7 +110,6 @@ class Frame:
             if not worst:
                 return dataclasses.replace(found, margin=min(found.margin, float(np.min(lowest))))
             self.active.extend(worst)
-        return dataclasses.replace(found, margin=float(np.min(lowest)))
 
     def solve(self, kappa: float, gain: np.ndarray | None) -> sdp.Solution:
         unknowns = {"p": sdp.symmetric(self.model.n, trace=float(self.model.n))}

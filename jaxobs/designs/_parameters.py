@@ -63,17 +63,19 @@ def bounded(
     formulas: Formulas, way: Callable[[dict[Place, Terms]], list[Parameter]], z: Interval, *, rtol: float, max_boxes: int
 ) -> Bounded:
     """The parameters that `way` (factor or separate) finds in a Jacobian (q, n), each with its range over the box z (N,)."""
-    table = {(int(i), int(j)): formulas.outputs[i, j] for i, j in np.ndindex(formulas.outputs.shape)}
+    q, n = formulas.outputs.shape
+    table: dict[Place, Expression] = {(i, j): formulas.outputs[i][j] for i in range(q) for j in range(n)}
     parameters = way({place: e.terms for place, e in table.items() if not e.is_constant})
     constants = {place: e.constant for place, e in table.items() if e.constant}
     expressions = [Expression(Fraction(0), one.terms) for one in parameters]
     found = formula_ranges(formulas.graph, expressions, z, rtol=rtol, max_boxes=max_boxes)
-    size = np.maximum(np.maximum(np.abs(found.inner_lower), np.abs(found.inner_upper)), np.finfo(float).tiny)
     known = np.isfinite(found.lower) & np.isfinite(found.upper)
-    gaps = np.maximum(found.inner_lower - found.lower, found.upper - found.inner_upper, where=known, out=np.zeros(len(size)))
+    outer_low, outer_high, low, high = (one[known] for one in found[:4])
+    size = np.maximum(np.maximum(np.abs(low), np.abs(high)), np.finfo(float).tiny)
+    gaps = np.maximum(low - outer_low, outer_high - high)
     texts = [formulas.graph.text(e) for e in expressions]
     gap = float(np.max(gaps / size, initial=0.0))
-    return Bounded(formulas.outputs.shape, constants, parameters, texts, found.lower, found.upper, gap, found.boxes)
+    return Bounded((q, n), constants, parameters, texts, found.lower, found.upper, gap, found.boxes)
 
 
 def _dense(entries: dict[Place, Fraction], shape: tuple[int, int]) -> np.ndarray:

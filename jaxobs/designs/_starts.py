@@ -8,7 +8,7 @@ from jaxobs.designs._rates import Proof, fastest
 from jaxobs.designs.covers import Corners, Multiplier
 
 FASTEST = 1e8  # rate of the metric beyond which none is tried, in units of the model's own speed
-WELL = 1e8  # condition of a P that need not be solved again in better coordinates
+STEPS = 20  # to coordinates in which the metric has a diagonal of about one
 
 
 def first(d: Dynamics, cover: Corners | Multiplier, rate: float) -> Proof:
@@ -28,37 +28,41 @@ def high_gains(d: Dynamics, rate: float):
     middle = own.at(d.middle)
     widest = np.maximum(np.abs(own.lower), np.abs(own.upper))
     t = balancing(np.abs(own.a) + (np.abs(own.b) * widest) @ np.abs(own.c))
-    speed = d.in_coordinates(t).with_gains(np.zeros((own.n, own.p))).speed
+    scales, speed = np.diagonal(t), d.in_coordinates(t).with_gains(np.zeros((own.n, own.p))).speed
     s, kept = 4 * max(rate, 1e-2 * speed), 0
     while s <= FASTEST * speed and kept < 4:
-        found = _metric(middle, own.output, t, s)
+        found = _metric(middle, own.output, scales, s)
         s *= 2
         if found is None:
             continue
-        t = centred(found)  # good coordinates for twice this s, too
+        p, scales = found  # they do for twice this s, too
+        try:
+            t = centred(p)
+        except np.linalg.LinAlgError:
+            continue
         gain = t @ (own.output @ t).T
         moved = d.with_gains(gain)
         f = moved.in_coordinates(t).at_corners()
         if np.linalg.eigvalsh(-(f + np.swapaxes(f, 1, 2))).min() / 2 >= rate:
             kept += 1
-            yield moved, found
+            yield moved, p
         elif kept:
             return  # faster is not better: no chain of this kind
 
 
-def _metric(a: np.ndarray, output: np.ndarray, t: np.ndarray, s: float) -> np.ndarray | None:
-    """P, solved in coordinates in which it is well conditioned; None if the output does not see all states at this s."""
-    for _ in range(6):
-        here, c = np.linalg.solve(t, a @ t) / s, output @ t
+def _metric(a: np.ndarray, output: np.ndarray, scales: np.ndarray, s: float) -> tuple[np.ndarray, np.ndarray] | None:
+    """P, and the powers of two in which its diagonal is about one, found from those given; None if the output does not see all
+    states at this s."""
+    for _ in range(STEPS):
+        here, c = a * scales / scales[:, None] / s, output * scales
         if np.linalg.eigvals(here).real.min() < -0.49:
             return None  # too slow a metric for modes that decay this fast
         p = scipy.linalg.solve_continuous_lyapunov((here + np.eye(len(a)) / 2).T, c.T @ c)
-        try:
-            inverse = np.linalg.inv(t)
-            step = centred(p)
-        except np.linalg.LinAlgError:
+        d = np.diagonal(p)
+        if not d.min() > 0:
             return None
-        if np.linalg.cond(p) < WELL:
-            return inverse.T @ p @ inverse / s
-        t = t @ step
+        steps = 2.0 ** -np.round(np.log2(d) / 2)
+        if np.all(steps == 1):
+            return p / np.outer(scales, scales) / s, scales
+        scales = scales * steps
     return None

@@ -5,11 +5,11 @@ import inspect
 from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-from jaxobs._module import refuse
+from jaxobs._module import astype, refuse
 from jaxobs.plants import AbstractFlowPlant, AbstractStepPlant
 
 INF = np.inf
@@ -58,8 +58,9 @@ def system(owner: str, f: Any, inputs: Any = None) -> System:
 
 
 def exact(plant: Any) -> Any:
-    """The plant with float64 NumPy leaves: the numbers it has, whatever JAX's precision is."""
-    return jax.tree.map(lambda leaf: np.asarray(leaf, np.float64) if eqx.is_inexact_array(leaf) else leaf, plant)
+    """The plant with float64 leaves: the numbers it has, whatever JAX's precision is."""
+    with jax.enable_x64(True):
+        return astype(plant, jnp.float64)
 
 
 def _bounds(owner: str, inputs: Any, m: int | None) -> tuple[np.ndarray, np.ndarray]:

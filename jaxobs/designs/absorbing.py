@@ -137,10 +137,10 @@ def _polynomials(f: Any, v: Any, inputs: Any, n: int) -> tuple[Polynomial, Polyn
     m = len(made.lower)
     change = graph.trace(rate, n, m) if m else graph.trace(lambda x: rate(x, x[:0]), n)
     energy = graph.trace(lambda x: v(x)[None], n)
-    found = tuple(polynomial(one.graph, one.outputs[0]) for one in (energy, change))
-    if any(sum(power for _, power in monomial) > 2 for monomial in found[0]):
+    quadratic = polynomial(energy.graph, energy.outputs[0])
+    if any(sum(power for _, power in monomial) > 2 for monomial in quadratic):
         raise refuse("absorbing", "v", "a polynomial of higher degree", "a quadratic polynomial of x", "For example x @ P @ x.")
-    return found
+    return quadratic, polynomial(change.graph, change.outputs[0])
 
 
 def _support(energy: Polynomial, n: int) -> list[int]:
@@ -172,7 +172,7 @@ def _form(terms: Polynomial, inside: list[int]) -> list[list[Polynomial]] | None
 
 def _numbers(form: list[list[Polynomial]], z: np.ndarray) -> np.ndarray:
     def value(terms: Polynomial) -> float:
-        return sum(float(k) * float(np.prod([z[i] ** power for i, power in monomial])) for monomial, k in terms.items())
+        return float(sum(float(k) * np.prod([z[i] ** power for i, power in monomial]) for monomial, k in terms.items()))
 
     return np.array([[value(entry) for entry in row] for row in form])
 

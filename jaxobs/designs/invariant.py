@@ -30,7 +30,7 @@ class Invariant(AbstractSet):
     v: Callable[[Any], Any] | None = None
     level: float = 0.0
     inputs: Any = None
-    max_boxes: int = 50_000
+    max_boxes: int = 20_000
 
     def __post_init__(self):
         AbstractSet.__post_init__(self)

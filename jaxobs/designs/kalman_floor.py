@@ -51,7 +51,7 @@ def kalman_floor(
 
     levels = np.array([level(rho) for rho in rhos])
     order = list(np.argsort(-levels))
-    found = [(levels[k], rhos[k]) for k in order[:3]]
+    found = [(float(levels[k]), rhos[k]) for k in order[:3]]
     if search and model.r and np.isfinite(found[0][0]):
         found.insert(0, _search(model, level, found[0][1]))
     for value, rho in sorted(found, key=lambda pair: -pair[0]):

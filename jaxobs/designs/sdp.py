@@ -22,6 +22,7 @@ import scipy.sparse
 
 from jaxobs._module import refuse
 
+SOLVER: Any = clarabel  # compiled, without types
 ITERATIONS = 80  # of the solver: what takes longer does not converge
 ROUNDING = 1e-10  # a bound this close to zero decides nothing
 REFINEMENTS = 30  # alternating projections of the duals
@@ -181,7 +182,7 @@ def _propose(program, objective, reach, first: bool) -> tuple[np.ndarray | None,
 def _clarabel(program, objective, reach) -> tuple[np.ndarray | None, list[np.ndarray]]:
     """Without a modelling language, which takes longer than the solution."""
     size, box = len(objective), np.diag(1 / reach)
-    slopes, offsets, kinds = [box, -box], [np.ones(2 * size)], [clarabel.NonnegativeConeT(2 * size)]
+    slopes, offsets, kinds = [box, -box], [np.ones(2 * size)], [SOLVER.NonnegativeConeT(2 * size)]
     triangles = []
     for first, part in zip(*program, strict=True):
         columns, rows = np.tril_indices(len(first))  # the upper triangle, column by column
@@ -189,11 +190,11 @@ def _clarabel(program, objective, reach) -> tuple[np.ndarray | None, list[np.nda
         triangles.append((rows, columns, weights))
         slopes.append(-(part[:, rows, columns] * weights).T)
         offsets.append(first[rows, columns] * weights)
-        kinds.append(clarabel.PSDTriangleConeT(len(first)))
-    settings = clarabel.DefaultSettings()
+        kinds.append(SOLVER.PSDTriangleConeT(len(first)))
+    settings = SOLVER.DefaultSettings()
     settings.verbose, settings.max_iter = False, ITERATIONS
     matrix, quadratic = scipy.sparse.csc_matrix(np.concatenate(slopes)), scipy.sparse.csc_matrix((size, size))
-    solver = clarabel.DefaultSolver(quadratic, -np.asarray(objective, float), matrix, np.concatenate(offsets), kinds, settings)
+    solver = SOLVER.DefaultSolver(quadratic, -np.asarray(objective, float), matrix, np.concatenate(offsets), kinds, settings)
     found = solver.solve()
     x, z = np.array(found.x), np.array(found.z)[2 * size :]
     if not (np.all(np.isfinite(x)) and np.all(np.isfinite(z))):

@@ -36,10 +36,13 @@ class Coordinates(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class AbstractSet(abc.ABC):
-    """A set of states inside the box lower <= x <= upper (n,), infinite ends allowed: the box is what bounds are taken on."""
+    """A set of states inside the box lower <= x <= upper (n,), infinite ends allowed: the box is what bounds are taken on.
 
-    lower: np.ndarray
-    upper: np.ndarray
+    lower, upper: numbers for each state, kept as float64 arrays (n,). ValueError where they do not fit.
+    """
+
+    lower: Any
+    upper: Any
 
     def __post_init__(self):
         for name in ("lower", "upper"):

@@ -15,10 +15,11 @@ import numpy as np
 from jaxobs._module import refuse, require_instance
 from jaxobs.certificates import AbstractCertificate
 from jaxobs.designs._descent import Point, descend, judged, single
+from jaxobs.designs._dynamics import Dynamics
 from jaxobs.designs._proofs import certified
-from jaxobs.designs._rates import fastest
+from jaxobs.designs._rates import Proof, fastest
 from jaxobs.designs._starts import first
-from jaxobs.designs.covers import Cover, Multiplier, cover_of
+from jaxobs.designs.covers import Corners, Cover, Multiplier, cover_of
 from jaxobs.designs.detectability import undetectable
 from jaxobs.designs.infeasible import Infeasible
 from jaxobs.designs.objectives import H2, L2, Gain, Objective, dynamics
@@ -86,49 +87,35 @@ def synthesize(
         forms = tuple(form for form in forms if form != "energy")
     zero = dynamics("synthesize", lpv, np.zeros((lpv.n, lpv.p)), None, objective)
     points: dict[str, Point] = {}
-    seed_level = None
     if seed is not None:
         given = dynamics("synthesize", lpv, np.asarray(seed, float), None, objective)
         proof = fastest(given, cover_)
         if proof.rate >= rate and (point := judged(proof, forms, cover_)) is not None:
-            points["seed"], seed_level = point, point.value
-    proof = first(zero, cover_, rate)
-    best_rate = proof.rate
-    if inner:  # the multiplier inequality, and of its K what f(xhat + K_x (y - C xhat)) can have
-        circle = fastest(zero, Multiplier(lpv), circle=True, target=rate)
-        units = zero.injections()
-        realised = zero.with_gains(circle.d.gain, np.einsum("irp,rp,isq->sq", units, circle.d.inner, units))
-        circle = fastest(realised, cover_, p=circle.p, target=rate)
-        best_rate = max(best_rate, circle.rate)
-        if circle.rate >= rate and (point := judged(single(circle, rate, cover_), forms, cover_)) is not None:
-            points["circle"] = point
-    if proof.rate < rate and not points:
-        best = best_rate if best_rate > 0 else None
-        reason = f"no gain was found for which one P proves the decay rate {rate:.6g} 1/s for all parameters"
-        change = "Ask for less, or narrow the bounds." if best is not None else "Narrow the bounds, or add an output."
-        change += "" if inner else " inner=True corrects the nonlinearity by the measurement as well."
-        seen = undetectable(lpv, rate=rate)
-        if seen is not None:
-            reason = str(seen)
-            change = "No gain moves this mode: measure something else, or give bounds that exclude the point."
-        tried = (f"cover {cover}", "high gains", "the fastest gain", *(("inner injection",) if inner else ()))
-        proved = None if seen is None else seen.certificate
-        raise Infeasible(reason, best_rate - rate, change, best=best, tried=tried, certificate=proved)
-    if proof.rate >= rate and (point := judged(single(proof, rate, cover_), forms, cover_)) is not None:
-        points["one matrix"] = point
-    history: list[float] = []
-    reached, solves, best_point = {}, 0, None
-    for name, point in points.items():
-        end, levels, count = _turns(point, rate, cover_, forms, inner, steps)
-        reached[name], solves = end.value, solves + count
-        if best_point is None or end.value < best_point.value:
-            best_point, history = end, levels
-    assert best_point is not None
-    certificate, final = certified(best_point, rate, cover, origin)
+            points["seed"] = point
+    seed_level = points["seed"].value if points else None
+    starts = {"one matrix": first(zero, cover_, rate)} | ({"circle": _circle(zero, cover_, rate)} if inner else {})
+    for name, proof in starts.items():
+        if proof.rate >= rate:
+            point = judged(single(proof, rate, cover_), forms, cover_) or judged(proof, forms, cover_)
+            points |= {} if point is None else {name: point}
+    if not points:
+        raise _infeasible(lpv, rate, max(proof.rate for proof in starts.values()), cover, inner)
+    ends = {name: _turns(point, rate, cover_, forms, inner, steps) for name, point in points.items()}
+    certificate, final = _certified([*points.values(), *(end for end, _, _ in ends.values())], rate, cover, origin)
+    _, history, _ = min(ends.values(), key=lambda one: one[0].value)
     return Synthesis(
-        final.proof.d.gain, final.proof.d.inner if inner else None, float(rate), final.value, certificate, seed_level,
-        tuple(history), reached, solves, time.perf_counter() - started, objective,
-    )  # fmt: skip
+        gain=final.proof.d.gain,
+        inner=final.proof.d.inner if inner else None,
+        rate=float(rate),
+        level=final.value,
+        certificate=certificate,
+        seed_level=seed_level,
+        history=tuple(history),
+        starts={name: end.value for name, (end, _, _) in ends.items()},
+        solves=sum(count for _, _, count in ends.values()),
+        seconds=time.perf_counter() - started,
+        objective=objective,
+    )
 
 
 def sweep(lpv: Polytope, rates: Any, **options: Any) -> tuple[Synthesis, ...]:
@@ -140,6 +127,48 @@ def sweep(lpv: Polytope, rates: Any, **options: Any) -> tuple[Synthesis, ...]:
         found[rate] = synthesize(lpv, rate=rate, seed=seed, **options)
         seed = found[rate].gain
     return tuple(found[float(rate)] for rate in rates)
+
+
+def _circle(zero: Dynamics, cover: Corners | Multiplier, rate: float) -> Proof:
+    """The fastest L and K by the multiplier inequality, of that K what f(xhat + K_x (y - C xhat)) can have."""
+    found = fastest(zero, Multiplier(zero.model), circle=True, target=rate).d
+    units = zero.injections()
+    realised = zero.with_gains(found.gain, np.einsum("irp,rp,isq->sq", units, found.inner, units))
+    return fastest(realised, cover, target=rate)
+
+
+def _certified(points: list[Point], rate: float, cover: str, origin: str) -> tuple[AbstractCertificate, Point]:
+    """The lowest level that passes the exact check."""
+    found, refused = None, None
+    for point in sorted(points, key=lambda one: one.value):
+        if found is not None and found[1].value <= point.value:
+            break
+        try:
+            new = certified(point, rate, cover, origin)
+        except Infeasible as error:
+            refused = error
+            continue
+        found = new if found is None or new[1].value < found[1].value else found
+    if found is None:
+        assert refused is not None
+        raise refused
+    return found
+
+
+def _infeasible(lpv: Polytope, rate: float, best: float, cover: str, inner: bool) -> Infeasible:
+    """Why there is nothing to start from: an undetectable point, if there is one."""
+    tried = (f"cover {cover}", "high gains", "the fastest gain", *(("inner injection",) if inner else ()))
+    if best >= rate:
+        change = "Give noises and weights of moderate size, in units in which the states are alike."
+        return Infeasible("the rate is proved, but no solver found a level for it", 0.0, change, best=best, tried=tried)
+    seen = undetectable(lpv, rate=float(rate))
+    if seen is not None:
+        change = "No gain moves this mode: measure something else, or give bounds that exclude the point."
+        return Infeasible(str(seen), best - rate, change, tried=tried, certificate=seen.certificate)
+    reason = f"no gain was found for which one P proves the decay rate {rate:.6g} 1/s for all parameters"
+    change = "Ask for less, or narrow the bounds." if best > 0 else "Narrow the bounds, or add an output."
+    change += "" if inner else " inner=True corrects the nonlinearity by the measurement as well."
+    return Infeasible(reason, best - rate, change, best=best if best > 0 else None, tried=tried)
 
 
 def _turns(

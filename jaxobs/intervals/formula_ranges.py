@@ -39,8 +39,8 @@ def formula_ranges(
         some = ranges(function, small, rtol=rtol, max_boxes=budget, edges=edges)
         used += some.boxes
         found |= dict(zip(members, zip(*(one.tolist() for one in some[:4]), strict=True), strict=True))
-    columns = np.array([_affine(c, k, found.get(core, (0.0,) * 4)) for c, k, core in parts]).reshape(-1, 4)
-    return Ranges(*columns.T, used)
+    ends = np.array([_affine(c, k, found.get(core, (0.0, 0.0, 0.0, 0.0))) for c, k, core in parts]).reshape(-1, 4)
+    return Ranges(ends[:, 0], ends[:, 1], ends[:, 2], ends[:, 3], used)
 
 
 def _is_smooth(atom: tuple) -> bool:

@@ -11,6 +11,7 @@ from fractions import Fraction
 from typing import Any
 
 ONE = Fraction(1)
+LONGEST = 2000  # characters of a part of a formula, for reading
 FUNCTIONS = ("sin", "cos", "tanh", "exp", "log", "sqrt", "atan", "erf")
 
 
@@ -72,7 +73,7 @@ class Graph:
         number = self._numbers.setdefault(key, len(self.atoms))
         if number == len(self.atoms):
             self.atoms.append(key)
-        return Expression(Fraction(0), ((number, ONE),))
+        return self._alone(number)
 
     def times(self, e: Expression, f: Expression) -> Expression:
         if e.is_constant or f.is_constant:
@@ -151,13 +152,17 @@ class Graph:
         return [total(e) for e in expressions]
 
     def text(self, e: Expression) -> str:
-        """The formula, in decimals of 6 digits."""
+        """The formula, in decimals of 6 digits; parts of more than 2000 characters are only named."""
         known: dict[int, str] = {}
         for i in self.nodes([e]):
             name, *parts = self.atoms[i]
             args = [_sum(part, known) if isinstance(part, Expression) else part for part in parts]
-            known[i] = self.variables[parts[0]] if name == "x" else _WRITTEN.get(name, f"{name}({{}})").format(*args)
+            text = self.variables[parts[0]] if name == "x" else _WRITTEN.get(name, f"{name}({{}})").format(*args)
+            known[i] = text if len(text) < LONGEST else f"[{name} of {len(self.support(self._alone(i)))} variables]"
         return _sum(e, known)
+
+    def _alone(self, i: int) -> Expression:
+        return Expression(Fraction(0), ((i, ONE),))
 
 
 _WRITTEN = {"*": "({})*({})", "^": "({})^{}", "min": "min({}, {})", "<=": "({} <= 0 ? {} : {})"}

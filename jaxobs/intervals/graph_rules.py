@@ -152,7 +152,7 @@ def contract(g: Graph, dimensions: Any, x: np.ndarray, y: np.ndarray) -> np.ndar
     flat = np.empty((left.shape[0], left.shape[1], right.shape[1]), object)
     for b, i, j in np.ndindex(flat.shape):
         flat[b, i, j] = combine(*((1, g.times(e, f)) for e, f in zip(left[b, i], right[b, j], strict=True)))
-    return flat.reshape(*batch, *rows, *columns)
+    return flat.reshape((*batch, *rows, *columns))
 
 
 def _in_three(z: np.ndarray, batch: list[int], contracted: list[int]) -> tuple[np.ndarray, tuple[int, ...], tuple[int, ...]]:

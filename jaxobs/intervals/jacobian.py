@@ -80,11 +80,12 @@ def jacobian_bounds(f: Callable[..., Any], box: Any, rtol: float = 1e-6, max_box
         used += found.boxes
         for bound, value, tighter in zip(bounds, found[:4], (np.fmax, np.fmin, np.fmin, np.fmax), strict=True):
             bound[places] = tighter(bound[places], value)
-    return JacobianBounds(*bounds, zeros, assumptions(flat, z), used)
+    lower, upper, inner_lower, inner_upper = bounds
+    return JacobianBounds(lower, upper, inner_lower, inner_upper, zeros, assumptions(flat, z), used)
 
 
 def _searched(
-    flat: Callable[[Any], Any], z: Interval, places: tuple[np.ndarray, np.ndarray], *, rtol: float, max_boxes: int
+    flat: Callable[[Any], Any], z: Interval, places: tuple[np.ndarray, ...], *, rtol: float, max_boxes: int
 ) -> Ranges:
     """The ranges of some entries: of their exact formulas, or where f has none, of the program as it is."""
     try:

@@ -52,6 +52,7 @@ def is_negative(
     """
     n = box.lower.size
     enclose = enclosures(lambda z: jnp.stack([one(z) for one in (g, on) if one is not None]), n)
+    box = _without_idle(enclose, box)
     far = np.flatnonzero(np.isinf(box.lower) | np.isinf(box.upper))
     concave = _concave(g, far, np.zeros(n) if centre is None else np.asarray(centre, float)) if far.size else None
     lower, upper, used = box.lower[None], box.upper[None], 0
@@ -80,6 +81,14 @@ def is_negative(
         left[rows, axis] = right[rows, axis] = middle[rows, axis]
         lower, upper = np.concatenate([lower, low, right]), np.concatenate([upper, left, high])
     return Negative(True, used)
+
+
+def _without_idle(enclose, box: Interval) -> Interval:
+    """The box, with a point for each coordinate along which all slopes are exactly 0."""
+    _, _, slope_low, slope_high = enclose(box.lower[None], box.upper[None])
+    idle = np.all((slope_low[0] == 0) & (slope_high[0] == 0), axis=0)
+    middle = middle_of(box.lower, box.upper)
+    return Interval(np.where(idle, middle, box.lower), np.where(idle, middle, box.upper))
 
 
 def _undecided(enclose, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

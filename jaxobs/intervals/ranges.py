@@ -53,8 +53,9 @@ def ranges(g: Function, z: Interval, *, rtol: float = 1e-6, max_boxes: int = 20_
 
     run(searches, chosen)
     above, below = sides[0::2], sides[1::2]
-    columns = [[-s.outer for s in below], [s.outer for s in above], [-s.inner for s in below], [s.inner for s in above]]
-    return Ranges(*(np.array(column) for column in columns), max_boxes - left[0])
+    outer = np.array([[-s.outer for s in below], [s.outer for s in above]])
+    inner = np.array([[-s.inner for s in below], [s.inner for s in above]])
+    return Ranges(outer[0], outer[1], inner[0], inner[1], max_boxes - left[0])
 
 
 def _seeds(z: Interval) -> np.ndarray:

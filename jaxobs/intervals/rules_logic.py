@@ -29,6 +29,8 @@ def _not(x: Interval) -> Interval:
 _COMPARE: dict[str, tuple[Callable[[Interval, Interval], Interval], float]] = {  # with the answer for z against itself
     "lt": (_less, 0.0),
     "le": (_less_equal, 1.0),
+    "lt_to": (_less, 0.0),  # the total order of floats, in which only zeros of two signs and NaN differ
+    "le_to": (_less_equal, 1.0),
     "gt": (lambda x, y: _less(y, x), 0.0),
     "ge": (lambda x, y: _less_equal(y, x), 1.0),
 }

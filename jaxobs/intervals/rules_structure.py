@@ -24,7 +24,9 @@ def axes_of(value: Any) -> tuple[int, ...]:
 
 @rule("reshape", "squeeze")
 def _reshape(call: Call, x: Interval) -> Interval:
-    return moved(lambda z: np.reshape(z, call.shape), x)
+    """In row-major order; of the axes in another order where a reshape names one, as those that batching leaves do."""
+    order = call.params.get("dimensions") if call.name == "reshape" else None
+    return moved(lambda z: np.reshape(z if order is None else np.transpose(z, axes_of(order)), call.shape), x)
 
 
 @rule("transpose")

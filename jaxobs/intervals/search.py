@@ -12,6 +12,7 @@ import numpy as np
 
 BATCH = 32  # boxes that one search halves at a time
 COLLAPSES = 2  # times that a box, one of whose faces suffices, is evaluated again before it is halved
+Pair = tuple[np.ndarray, np.ndarray]
 ENDLESS = 1e16  # a value beyond this, and no bound: the search for a bound is given up
 
 
@@ -49,7 +50,7 @@ class Supremum:
     left: list[int]
     outer: float = np.inf
 
-    def search(self, lower: np.ndarray, upper: np.ndarray, rtol: float) -> Generator:
+    def search(self, lower: np.ndarray, upper: np.ndarray, rtol: float) -> Generator[Pair, Enclosure, None]:
         """A generator that yields boxes (lower, upper) and is sent the Enclosure of g there. Those with the largest bounds
 
             g <= min(natural extension, g(m) + sum_k G_k (Z_k - m_k)),     G enclosing the gradient, m the midpoint,
@@ -75,7 +76,7 @@ class Supremum:
             taken, queue = queue.at(order[:BATCH]), queue.at(order[BATCH:])
             fresh, parent = _halved(taken), np.concatenate([taken.bound, taken.bound])
 
-    def _evaluated(self, lower: np.ndarray, upper: np.ndarray, parent: np.ndarray) -> Generator:
+    def _evaluated(self, lower: np.ndarray, upper: np.ndarray, parent: np.ndarray) -> Generator[Pair, Enclosure, Boxes]:
         """The boxes, on their faces where these suffice, with their bounds."""
         lower, upper, bound = lower.copy(), upper.copy(), parent.copy()
         slopes = np.full(lower.shape, -np.inf), np.full(lower.shape, np.inf)
@@ -116,7 +117,9 @@ class Supremum:
         return moved.any(axis=1)
 
 
-def run(searches: dict[int, Generator], enclose: Callable[[np.ndarray, np.ndarray, np.ndarray], Enclosure]) -> None:
+def run(
+    searches: dict[int, Generator[Pair, Enclosure, None]], enclose: Callable[[np.ndarray, np.ndarray, np.ndarray], Enclosure]
+) -> None:
     """All searches side by side: in each round their boxes are evaluated together, enclose(number, lower, upper)."""
     asked = {number: next(search) for number, search in searches.items()}
     while asked:

@@ -96,6 +96,8 @@ def reduced_extreme(defined_by: dict[Any, Any], x: Any, extreme: Any) -> tuple[s
     axes = tuple(int(a) for a in eqn.params["axes"])
     kept = tuple(i for i in range(len(x.aval.shape)) if i not in axes)
     shape = tuple(n if i in kept else 1 for i, n in enumerate(x.aval.shape))
+    if spread.primitive.name == "reshape" and spread.params["dimensions"] is not None:
+        return "", ()
     if extreme.aval.shape != shape or tuple(spread.params.get("broadcast_dimensions", kept)) != kept:
         return "", ()
     return eqn.primitive.name, axes

@@ -58,12 +58,12 @@ def _noise(ax, curves: Sequence[Curve], rivals: Sequence[GainRow]) -> None:
     ax.set(xscale="log", yscale="log")
     fastest, loudest = (max((f(curve.points[-1]) for curve in curves), default=1.0) for f in (_rate, _level))
     beyond = [one for one in rivals if _rate(one) > 1.3 * fastest or _level(one) > 10 * loudest]
-    for word, marker in MARKERS.items():
+    for (word, marker), (place, side) in zip(MARKERS.items(), (((-6, 3), "right"), ((5, -9), "left")), strict=True):
         for one in rivals:
             if one.method.startswith(word) and one not in beyond:
                 ax.plot(one.rate, one.level, marker, color=INK, mfc="white", ms=6, zorder=4)
-                left = {"xytext": (-6, 3), "textcoords": "offset points", "ha": "right"}
-                ax.annotate(_j0(one), (one.rate, one.level), fontsize=8.5, color=INK, **left)
+                where = {"xytext": place, "textcoords": "offset points", "ha": side}
+                ax.annotate(_j0(one), (one.rate, one.level), fontsize=8.5, color=INK, **where)
     lines = [f"{one.method.partition(',')[0]} lies beyond, at {_rate(one):.3g} /s and {_level(one):.1e}" for one in beyond]
     ax.text(0.99, 0.01, "\n".join(lines), transform=ax.transAxes, ha="right", va="bottom", fontsize=8, color=INK)
 

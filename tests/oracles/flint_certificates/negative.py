@@ -25,7 +25,10 @@ def frozen_instability(d):
 def switching_instability(d):
     x, points, step = Box(d, inner=False, origin=False), d.rows("points"), _step(d)
     durations, repeats = d.vector("durations", len(points)), d.integer("repeats")
-    if not 1 <= repeats <= 256 or len(d.integers("scale")) not in (0, x.n):  # coordinates against rounding, without a say in the truth
+    if not 1 <= repeats <= 256 or len(d.integers("scale")) not in (
+        0,
+        x.n,
+    ):  # coordinates against rounding, without a say in the truth
         raise Malformed("repeats or scale")
     yield x.ordered and all(x.holds(rho) for rho in points)
     yield min(durations) > 0 and not (step and any(t.q != 1 or t > 256 for t in durations))
