@@ -182,6 +182,7 @@ def test_bad_boxes_and_unknown_primitives_are_named():
         jacobian_bounds(jax.lax.lgamma, ([1.0], [2.0]))
 
 
+@pytest.mark.slow
 def test_the_sign_on_a_curve_is_proved_or_not():
     """x1' = x2, x2' = -x1 - x2 + u: V = x1^2 + x1 x2 + x2^2 falls on its level sets V = 4 for small |u| only."""
 

@@ -66,6 +66,7 @@ def test_factors_are_found_exactly():
     assert len(separate(joint_table)) == 4
 
 
+@pytest.mark.slow
 def test_the_flexible_joint_has_four_corners_instead_of_sixteen():
     auto, entries = joint(3.0), joint(3.0, "entries")
     assert [len(one.model.corners()) for one in (auto, entries)] == [4, 16]
@@ -93,6 +94,7 @@ def test_the_printed_joint_gain_holds_to_its_figure_and_not_much_further():
         corner_lmi.prove(joint(8.5).model, np.asarray(JOINT_GAIN))
 
 
+@pytest.mark.slow
 def test_duffing_and_lorenz_of_the_paper():
     edge = math.sqrt(DUFFING_SLOPE / 3)
     duffing = lpv_from(plants.ForcedDuffing(), None, ([-edge, -math.inf], [edge, math.inf]), inputs=([-11.0], [11.0]))
@@ -158,6 +160,7 @@ def test_saturated_plants_leave_the_estimate_free():
         assert np.allclose(channels.left @ (rho * (channels.right @ (x - z))), jump, rtol=1e-12, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_channels_serve_the_design_of_the_paper():
     chain = proved_channels(plants.Pendulum(), everywhere(2), inputs=([-0.5], [0.5]))
     assert chain.complete

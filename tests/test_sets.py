@@ -88,6 +88,7 @@ def test_absorbing_sets_for_all_inputs():
     assert found.upper[0] == pytest.approx(2.0, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_lorenz_from_any_start_with_any_estimate(lorenz_set):
     """Absorbing set and saturated observer: a certificate without a condition on state or estimate."""
     plant = saturated(LORENZ, lorenz_set)
@@ -106,6 +107,7 @@ def test_lorenz_from_any_start_with_any_estimate(lorenz_set):
     assert np.all(error <= 1.01 * spread * error[0] * np.exp(-np.asarray(run.ts)) + 1e-9)
 
 
+@pytest.mark.slow
 def test_invariant_ball_and_box():
     """The pendulum with friction below its upright: energy falls; x' = -x^3 + u keeps a box."""
     plant = plants.Pendulum(a=-1.0, b=0.5)

@@ -57,8 +57,8 @@ def bent(gain, j0, scale):
     return lambda psi: f + M([[0] * n] * (n - 1) + [row(psi)])
 
 @theorem("no-hg-lmi", "gain=n? theta= j0:int lower=n upper=n constant= multipliers=R,n w=n,n", "(31)-(32) of the HG/LMI design "
-         "with j0 = {j0} and the constant {constant} have no solution for the gain K = {gain}, or where that is empty for any, at "
-         "theta = {theta} or less, for slopes in [{lower}, {upper}]", NONE)
+         "with j0 = {j0} and the constant {constant} have no solution for the gain K = {gain}, or where that is empty for any, "
+         "at theta = {theta} or less, for slopes in [{lower}, {upper}]", NONE)
 def no_high_gain_lmi(d):
     n, total, mass, rows = len(d.lower), d.w, 0, d.multipliers.rows
     yield "0 <= j0 <= n, theta >= 1, constant >= 0", 0 <= d.j0 <= n and d.theta >= 1 and d.constant >= 0
