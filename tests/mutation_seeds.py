@@ -250,6 +250,16 @@ def absent():
     floor = {"rate": 0.5, "points": [[6.0], [2.0]], "weights": (0.0, 1.0, 0.25, 0.0)}
     data = body("gain-floor", **without(stiff, "gain", "inner"), **floor, level=0.0)
     yield at_the_edge(data, "level", 1e3)
+    numbers = {"theta": 2.0, "j0": 1, "lower": (-1.0, -8.0), "upper": (1.0, 8.0)}
+    gain = np.asarray([2.0, 1.0])
+    fs = [SHIFT2 - np.outer(gain, np.eye(2)[0]) + np.diag([0.0, psi / 2.0]) for psi in (-8.0, 8.0)]
+    values, vectors = np.linalg.eigh(-sum(f + f.T for f in fs))
+    w = vectors @ np.diag(np.maximum(values, 0) + 1e-3) @ vectors.T
+    data = body("no-hg-lmi", gain=gain, **numbers, constant=100.0, multipliers=np.vstack([np.eye(2)] * 2), w=(w + w.T) / 2)
+    yield at_the_edge(data, "constant", 1e-3)
+    unseen = np.diag([0.0, 1.0])
+    more = {"multipliers": np.vstack([0 * unseen, unseen]), "w": np.diag([0.125, 0.5])}
+    yield at_the_edge(body("no-hg-lmi", gain=(), **numbers, constant=100.0, **more), "constant", 1e-3)
 
 
 def beyond():

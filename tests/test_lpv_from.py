@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from jaxobs import integrators, plants
+from jaxobs.certificates import with_bounds
 from jaxobs.designs import Box, Infeasible, band, corner_lmi, everywhere, lpv_from, lpv_lmi, lpv_model, proved_channels
 from jaxobs.designs import saturated as saturate
 from jaxobs.designs._factor import factor, separate
@@ -184,3 +185,17 @@ def test_what_cannot_be_bounded_or_modelled_is_named():
         proved_channels(saturate(plants.Lorenz(), Box(*LORENZ_BOX)), ([-31.0, -30.0, -2.0], LORENZ_BOX[1]))
     with pytest.raises(ValueError, match="Jacobian of shape"):
         lpv_from(lambda x: x[:1], [[1.0, 0.0]], ([0.0, 0.0], [1.0, 1.0]))
+
+
+@pytest.mark.slow
+def test_bounds_with_room_travel_in_the_certificate():
+    plant = plants.Pendulum()
+
+    def f(x, u):
+        return plant.flow(jnp.asarray(0.0), x, u)
+
+    tight, wide = (lpv_from(f, [[1.0, 0.0]], ([-4.0, -1.0], [4.0, 1.0]), inputs=([-0.5], [0.5]), room=r) for r in (0.0, 0.01))
+    width = tight.model.upper[0] - tight.model.lower[0]
+    assert wide.model.upper[0] == pytest.approx(tight.model.upper[0] + 0.01 * width, rel=1e-12)
+    _, certificate = corner_lmi.synthesise(wide.model, rate=1.0, origin=wide.origin)
+    assert with_bounds(certificate, f, np.array([-4.0, -1.0, -0.5]), np.array([4.0, 1.0, 0.5])).verify()

@@ -7,7 +7,7 @@ at the worst constant rho alone (found, not proved).
 """
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -52,7 +52,9 @@ class Curve:
         return tuple(one.level / self.floor for one in self.points)
 
 
-def curve(n: int, k_f: float | int, rates=RATES, *, progress: Report = lambda what: None) -> Curve:
+def curve(
+    n: int, k_f: float | int, rates: Sequence[float] | np.ndarray = RATES, *, progress: Report = lambda what: None
+) -> Curve:
     """A design for each rate; where one for a faster rate is quieter, it stands here too, since it proves the slower rate."""
     problem = chain(n, k_f)
     below = kalman_floor(problem.model, *problem.factors)
@@ -70,7 +72,9 @@ def curve(n: int, k_f: float | int, rates=RATES, *, progress: Report = lambda wh
     return Curve(n, k_f, tuple(points[::-1]), float(np.sqrt(below.level)), tuple(map(float, rho)), _verdict(below), below)
 
 
-def frontier(sizes=SIZES, strengths=STRENGTHS, rates=RATES, *, progress: Report = lambda what: None) -> Iterator[Curve]:
+def frontier(
+    sizes=SIZES, strengths=STRENGTHS, rates: Sequence[float] | np.ndarray = RATES, *, progress: Report = lambda what: None
+) -> Iterator[Curve]:
     """A curve for each k_f and n."""
     for k_f in strengths:
         for n in sizes:

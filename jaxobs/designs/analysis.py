@@ -130,7 +130,8 @@ def analyse(
     require_instance("analyse", "lpv", lpv, Polytope, "Make it with jaxobs.designs.lpv_model(plant, channels).")
     gain = np.asarray(gain, float)
     inner = None if inner is None else np.asarray(inner, float)
-    objectives = {"h2": H2(weight, process, noise), "l2": L2(weight, process, noise)}
+    injected = inner is not None and bool(np.any(inner))  # then the covariance form is the only one there is
+    objectives = {"h2": H2(weight, process, noise, independent=injected), "l2": L2(weight, process, noise)}
     d = dynamics("analyse", lpv, gain, inner, objectives["h2"])
     rungs, certificates = [], {}
     for cover in covers:

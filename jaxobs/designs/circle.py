@@ -9,7 +9,7 @@ from jaxobs._module import dtype_of
 from jaxobs.certificates import AbstractCertificate
 from jaxobs.designs.analysis import prove_level
 from jaxobs.designs.lpv_model import Channels, lpv_model, slope_entries
-from jaxobs.designs.objectives import Objective
+from jaxobs.designs.objectives import Gain, Objective
 from jaxobs.designs.synthesis import synthesize
 from jaxobs.observers import InnerInjection
 from jaxobs.plants import AbstractLipschitz
@@ -32,6 +32,7 @@ def circle(
     descent. Infeasible, ValueError: as there. Source: Arcak and Kokotovic, Automatica 37 (2001), 1923-1930.
     """
     channels = bounds if isinstance(bounds, Channels) else slope_entries(*bounds)
+    objective = Gain() if objective is None else objective
     model, dtype = lpv_model(plant, channels), dtype_of(plant)
     above = rate * (1 + 1e3 * float(jnp.finfo(dtype).eps))  # for what the gains lose in the precision of the plant
     found = synthesize(model, objective=objective, rate=above, cover=cover, inner=True, origin=channels.origin)

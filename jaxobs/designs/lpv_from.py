@@ -55,6 +55,7 @@ def lpv_from(
     inputs: Any = None,
     rtol: float = 1e-6,
     max_boxes: int = 20_000,
+    room: float = 0.0,
 ) -> Lpv:
     """e' = (J_0 + sum_k h_k(t) M_k - L C) e for x' = f, y = C x, with proved bounds on every h_k; the same of e+ for x+ = f.
 
@@ -62,6 +63,8 @@ def lpv_from(
     box: (lower, upper), or a set of `jaxobs.designs.sets`, whose proof is repeated. inputs: (lower, upper) of u; unbounded for
     plants if not given. channels: "auto" factors the Jacobian: proportional entries, or all that contain a term, share one
     parameter, whichever makes fewer; "entries" bounds every entry by itself. rtol, max_boxes: as for `jacobian_bounds`.
+    room: widens each interval by this share of its width on both sides, so that cruder arithmetic can prove it again
+    (`certificates.with_bounds`).
 
     ValueError for a parameter that nothing bounds, with its formula; for an output that is not linear; for a set whose proof
     fails; for `Saturated` plants, whose bounds `proved_channels` gives. UnknownPrimitiveError for what has no formula here.
@@ -81,6 +84,9 @@ def lpv_from(
     z = Interval(np.append(low, made.lower), np.append(high, made.upper))
     found = bounded(jacobian, way, z, rtol=rtol, max_boxes=max_boxes)
     require_bounded("lpv_from", found, domain, made)
+    if room:
+        wider = room * (found.upper - found.lower)
+        found = dataclasses.replace(found, lower=found.lower - wider, upper=found.upper + wider)
     left, right, numbers = found.arrays()
     ends = found.lower[numbers], found.upper[numbers]
     model = Polytope(found.constant(), left, right, *ends, _output(made, C, n), tuple(numbers))

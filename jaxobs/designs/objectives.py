@@ -16,16 +16,24 @@ class H2:
 
     weight E (s, n), process (n, m), noise (p, k); identities where not given. Guaranteed for every rho(t) in the box by
 
-        F'Q + Q F + E'E < 0,               level = tr(process'Q process) + tr(noise'L'Q L noise)         ("energy"), or
-        F X + X F' + process process' + L noise noise'L' < 0,        level = tr(E X E')                  ("covariance"):
+        F'Q + Q F + E'E < 0,               level = tr(process'Q process) + tr(noise'L'Q L noise)         ("energy"),
 
-    neither bound is always the lower one. Source: Boyd et al., 1994, sections 6.2.2 and 6.2.1.
+    by Ito's rule, also where rho depends on the error and so on the noise, as that of a nonlinear observer does. independent:
+    rho(t) does not, so that, whichever is lower, this will do as well:
+
+        F X + X F' + process process' + L noise noise'L' < 0,        level = tr(E X E')                  ("covariance").
+
+    Source: Boyd et al., 1994, sections 6.2.2 and 6.2.1.
     """
 
     weight: Any = None
     process: Any = None
     noise: Any = None
-    forms = ("covariance", "energy")
+    independent: bool = False
+
+    @property
+    def forms(self) -> tuple[str, ...]:
+        return ("covariance", "energy") if self.independent else ("energy",)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,6 +58,13 @@ class Gain:
 Objective = H2 | L2 | Gain
 
 
+def require_independent(owner: str, objective: Objective) -> None:
+    """With an injection into f levels are found by the covariance form alone: ValueError for an H2 that does not allow it."""
+    if isinstance(objective, H2) and not objective.independent:
+        fix = "Say H2(..., independent=True) if rho(t) does not depend on the noise; or take L2, or Gain."
+        raise refuse(owner, "objective", "H2 for an observer with inner injection", "independent=True", fix)
+
+
 def dynamics(owner: str, lpv: Polytope, gain: np.ndarray, inner: np.ndarray | None, objective: Objective) -> Dynamics:
     """The error dynamics with the objective's weights; ValueError for shapes that do not fit."""
     n, p, r = lpv.n, lpv.p, lpv.r
@@ -69,4 +84,6 @@ def dynamics(owner: str, lpv: Polytope, gain: np.ndarray, inner: np.ndarray | No
     inner = np.zeros((r, p)) if inner is None else np.array(inner, float)
     if inner.shape != (r, p):
         raise refuse(owner, "inner", f"shape {inner.shape}", f"{(r, p)}", "One row a channel, one column an output.")
+    if np.any(inner):
+        require_independent(owner, objective)
     return Dynamics(lpv, np.array(gain, float), inner, **parts)

@@ -22,7 +22,7 @@ from jaxobs.designs._starts import first
 from jaxobs.designs.covers import Corners, Cover, Multiplier, cover_of
 from jaxobs.designs.detectability import undetectable
 from jaxobs.designs.infeasible import Infeasible
-from jaxobs.designs.objectives import H2, L2, Gain, Objective, dynamics
+from jaxobs.designs.objectives import H2, L2, Gain, Objective, dynamics, require_independent
 from jaxobs.designs.polytope import Polytope
 
 TURNS = 4  # between the forms of a level, while it falls
@@ -67,16 +67,17 @@ def synthesize(
     """min level(L):   P > 0, P F + F'P + 2 rate P < 0, and Q as in the objective, for all rho in the box, P and Q separate.
 
     lpv: the error dynamics e' = (a + sum_k rho_k b_k c_k' - L output) e, its bounds with their `origin`. objective: H2 (the
-    default), L2 or Gain. rate [1/s] >= 0. cover: how all rho are covered, see `covers`: "lazy" and "corners" are exact,
-    "multiplier" is the fastest. seed: a gain (n, p) to start from and never to be worse than. inner: design K (r, p) of
-    f(xhat + K (y - C xhat)) too, see `circle`. steps: convex programs a descent may take.
+    default; with inner it is Gain), L2 or Gain. rate [1/s] >= 0. cover: how all rho are covered, see `covers`: "lazy" and
+    "corners" are exact, "multiplier" is the fastest. seed: a gain (n, p) to start from and never to be worse than. inner:
+    design K (r, p) of f(xhat + K (y - C xhat)) too, see `circle`. steps: convex programs a descent may take.
 
     Infeasible if no gain is found that proves the rate; its `best` is the largest rate found. ValueError for bad arguments.
     Source: Boyd, El Ghaoui, Feron and Balakrishnan, 1994, chapters 5 to 7; sequential convex programming for bilinear matrix
     inequalities: Dinh, Gumussoy, Michiels and Diehl, IEEE TAC 57 (2012).
     """
     started = time.perf_counter()
-    objective = H2() if objective is None else objective
+    default = Gain() if inner else H2()
+    objective = default if objective is None else objective
     require_instance("synthesize", "lpv", lpv, Polytope, "Make it with jaxobs.designs.lpv_model(plant, channels).")
     require_instance("synthesize", "objective", objective, H2 | L2 | Gain, "For instance H2(process=..., noise=...).")
     if not (isinstance(rate, (int, float, np.number)) and np.isfinite(rate) and rate >= 0):
@@ -84,6 +85,7 @@ def synthesize(
     cover_ = cover_of("synthesize", lpv, cover)
     forms = getattr(objective, "forms", ())
     if inner:
+        require_independent("synthesize", objective)
         forms = tuple(form for form in forms if form != "energy")
     zero = dynamics("synthesize", lpv, np.zeros((lpv.n, lpv.p)), None, objective)
     points: dict[str, Point] = {}

@@ -1,9 +1,11 @@
 """Theorems that say what cannot be: errors that grow, and certificates or filters that do not exist."""
 
+import itertools
+
 import flint
 
 from oracles.flint_certificates import algebra
-from oracles.flint_certificates.algebra import block, column, identity, positive, semidefinite, sym, trace
+from oracles.flint_certificates.algebra import block, chain, column, first, identity, positive, semidefinite, sym, trace
 from oracles.flint_certificates.box import Box
 from oracles.flint_certificates.fields import Malformed, matrix
 
@@ -164,11 +166,35 @@ def gain_floor(d):
     yield level**2 * sum((m**2 for m in slopes), flint.fmpq(0)) <= alpha**2
 
 
+def no_hg_lmi(d):
+    """W + sum_c (F_c X_c + X_c F_c') >= 0 and theta^{1+j0} tr W <= 2 constant sum_c tr X_c > 0, at the corners at theta."""
+    lower, j0 = d.vector("lower"), d.integer("j0")
+    n, upper = len(lower), d.vector("upper", len(lower))
+    theta, constant, gain = d.scalar("theta"), d.scalar("constant"), d.given("gain")
+    if not (n >= 1 and 0 <= j0 <= n):
+        raise Malformed("sizes")
+    psis = list(itertools.product(*(sorted({lower[i], upper[i]}) for i in range(n - j0, n))))
+    stacked, w = d.matrix("multipliers", len(psis) * n, n).tolist(), d.matrix("w", n, n)
+    k = column(d.vector("gain", n)) if gain else column([0] * n)
+    yield theta >= 1 and constant >= 0 and all(low <= 0 <= high for low, high in zip(lower, upper, strict=True))
+    yield semidefinite(w)
+    sums, mass = w, flint.fmpq(0)
+    for place, psi in enumerate(psis):
+        x, f = matrix(stacked[place * n : (place + 1) * n]), chain(n) - k * first(n)
+        bent = [value / theta ** (n + 1 - i) for i, value in zip(range(n - j0 + 1, n + 1), psi, strict=True)]
+        f += flint.fmpq_mat(n, n, [0] * (n * n - j0) + bent)
+        yield semidefinite(x) and (gain or not any(x[i, 0] for i in range(n)))
+        sums, mass = sums + sym(f * x), mass + trace(x)
+    yield mass > 0 and theta ** (1 + j0) * trace(w) <= 2 * constant * mass
+    yield semidefinite(sums)
+
+
 JUDGES = {
     "frozen-instability": frozen_instability,
     "gain-floor": gain_floor,
     "kalman-floor": kalman_floor,
     "no-gain": no_gain,
+    "no-hg-lmi": no_hg_lmi,
     "switching-instability": switching_instability,
     "undetectable": undetectable,
 }
