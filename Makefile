@@ -19,7 +19,7 @@ test: check  ## check, then every test that is not slow
 	$(BIN)/pytest -m "not slow" -n 2 --dist loadfile
 
 slow: .venv/.stamp  ## the full counts and long runs
-	$(BIN)/pytest -m slow
+	$(BIN)/pytest -m slow -n 2 --dist loadfile
 
 check: .venv/.stamp  ## lint, format and types, changing nothing
 	$(BIN)/ruff check

@@ -51,6 +51,8 @@ HOSTILE = {
     "no box": (("bounds", "upper"), [], "malformed"),
     "a list for a name": (("bounds", "variables", 0), ["x1"], "malformed"),
     "a name of two lines": (("bounds", "variables", 0), "x1\nfile.json: the bounds hold", "plain names"),
+    "a name that looks like another": (("bounds", "variables", 0), "\u0445\u0661", "plain names"),
+    "a column of b that no bound is about": (("b",), lambda b: [[*row, "0x1p0"] for row in b], "one column of b"),
     "a name twice": (("bounds", "variables", 0), "x2", "plain names"),
     "another format": (("bounds", "format"), "jaxobs-bounds/2", "format"),
     "no bounds": (("bounds",), None, "malformed"),

@@ -124,8 +124,9 @@ def test_certificates_travel_and_do_not_hold_for_other_numbers(tmp_path):
 )
 def test_malformed_certificates_are_not_shown(change, why):
     proof = FrozenInstability(
-        ((0.0, 1.0), (0.0, 0.0)), ((0.0,), (1.0,)), ((1.0, 0.0),), ((1.0, 0.0),), ((2.0,), (1.5,)), (-1.0,), (2.0,), (2.0,)
-    )
+        a=((0.0, 1.0), (0.0, 0.0)), b=((0.0,), (1.0,)), c=((1.0, 0.0),), lower=(-1.0,), upper=(2.0,), output=((1.0, 0.0),),
+        gain=((2.0,), (1.5,)), rho=(2.0,),
+    )  # fmt: skip
     assert proof.verify()
     verdict = dataclasses.replace(proof, **change).verify()
     assert not verdict

@@ -90,6 +90,9 @@ def test_exit_codes_of_the_checker(alone, files, tmp_path):
     assert false.returncode == 1
     assert "not certified: " in false.stdout
     assert "unstable" not in false.stdout.replace("false.json", "")
+    nothing = run(alone, "checker_more.py")  # a pattern without files is no proof
+    assert nothing.returncode == 1
+    assert "Usage: " in nothing.stderr
     (tmp_path / "none.json").write_text("no", encoding="utf-8")
     assert run(alone, "checker_more.py", tmp_path / "none.json", files / "corners.json").returncode == 2
 

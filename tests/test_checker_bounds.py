@@ -162,6 +162,28 @@ def test_a_damaged_file_and_one_that_is_none(tmp_path, capsys):
     assert "no certificate" in capsys.readouterr().out
 
 
+def test_a_key_given_twice_is_refused(tmp_path, capsys):
+    travelling()["Duffing"].to_json(tmp_path / "file.json")
+    text = (tmp_path / "file.json").read_text()
+    assert checker_bounds.main([str(tmp_path / "file.json")]) == 0
+    for key in ('"upper":', '"rho":', '"format":'):
+        (tmp_path / "file.json").write_text(text.replace(key, f"{key} [], {key}", 1))
+        assert checker_bounds.main([str(tmp_path / "file.json")]) == 1, key
+    assert capsys.readouterr().out.count("bounds not proved: ") == 3
+
+
+def test_numbers_are_printed_in_full():
+    """A coefficient that is no float, or too small for one, is not rounded to the number that a reader expects."""
+    for k in ("1" + "0" * 30 + "1/1" + "0" * 31, "1/1" + "0" * 400):
+        parts = copy.deepcopy(travelling()["Duffing"].to_dict())
+        parts["bounds"]["jacobian"][1][0][1][1] = k
+        found = checker_bounds.check(sealed(parts))
+        assert any(f"{Fraction(k)} (x1)^2" in line for line in found["lines"])
+        assert not found["holds"]
+    assert checker_bounds.exact(Fraction(0.1)) == "0.1"
+    assert checker_bounds.exact(Fraction(1, 10)) == "1/10"
+
+
 def squares(count):
     """x, then each node the square of the one before: exponents that double, count times."""
     return [["x", 0]] + [["^", [ZERO, [i, "0x1p0"]], 2] for i in range(count)]
@@ -221,6 +243,17 @@ def test_wrong_bounds_and_wrong_matrices_are_refused_by_the_producer():
     narrow = dataclasses.replace(one, upper=(3.9,))
     with pytest.raises(ValueError, match=r"relax.*not certified"):
         with_bounds(narrow, field(DUFFING), np.negative(box), box, relax=1e6)
+
+
+@pytest.mark.parametrize("ends", [(-1.7e308, 1.7e308), (1.7e308, math.inf), (-math.inf, -1.7e308), (-1e200, 1e200)], ids=str)
+def test_a_box_as_wide_as_floats_go_is_refused_with_the_reason(ends):
+    one = travelling()["Duffing"].certificate
+    with pytest.raises(ValueError, match=r"upper\[0\].*at x1 = "):
+        with_bounds(one, field(DUFFING), [ends[0], -np.inf], [ends[1], np.inf])
+    data = copy.deepcopy(travelling()["Duffing"].to_dict())
+    data["bounds"]["lower"][0], data["bounds"]["upper"][0] = (x.hex() for x in ends)
+    data["bounds"]["parameters"][0]["splits"] = [0]
+    assert "on the leaf" in checker_bounds.check(sealed(data))["why"]
 
 
 def test_relaxed_bounds_contain_the_range_and_are_certified_again():

@@ -2,7 +2,9 @@
 true, refused with the mathematical reason otherwise, never a crash, in bounded time and memory."""
 
 import collections
+import copy
 import json
+import math
 import random
 import subprocess
 import sys
@@ -131,6 +133,56 @@ def test_the_oracle_knows_the_theorems_from_elsewhere():
         assert oracle.judge(mutation_seeds.proved("l2", still, [[1.0]], **more)) == (level > 1)
         variance = more | {"q": [[0.500001]], "level": level / 2}
         assert oracle.judge(mutation_seeds.proved("h2", still, [[1.0]], **variance)) == (level > 1)
+
+
+def small(theorem, a, **fields):
+    """A signed certificate of e' = a e without parameters, output the first state, unless fields say otherwise."""
+    free = {"b": [[] for _ in a], "c": [], "lower": [], "upper": [], "tied": [], "output": [[1.0] + [0.0] * (len(a) - 1)]}
+    return mutations.signed(
+        {"theorem": theorem} | {k: mutation_seeds.encoded(v) for k, v in (free | {"a": a} | fields).items()}
+    )
+
+
+def test_a_floor_of_every_filter_needs_a_symmetric_witness():
+    """With S = 100 I + 50 [0, 1; -1, 0] the inequality holds, but the covariance of e' = a e + 0.01 w is 1e-4 / 2 I."""
+    a, s = [[-1.0, -10.0], [10.0, -1.0]], np.array([[100.0, 50.0], [-50.0, 100.0]])
+    noise = {"process": [[0.01, 0.0], [0.0, 0.01]], "noise": [[10.0]], "weight": [[1.0, 0.0], [0.0, 1.0]], "rho": []}
+    f, output = np.array(a) @ s, s[:, :1]
+    block = np.block([[f + f.T + 1e-4 * np.eye(2), output], [output.T, 100 * np.eye(1)]])
+    assert np.all(np.linalg.eigvalsh(block) > 0)
+    for witness, level in ((s.tolist(), 200.0), (s.T.tolist(), 200.0)):
+        found = checker.check(small("kalman-floor", a, **noise, s=witness, level=level))
+        assert found["why"] == "not certified: S = S' fails"
+    assert checker.check(small("kalman-floor", a, **noise, s=[[4e-5, 0.0], [0.0, 4e-5]], level=8e-5))["holds"]
+
+
+def test_witnesses_have_to_be_symmetric(seeds):
+    """A matrix that only its symmetric part enters proves nothing of x'P x, however small the rest."""
+    for data in seeds:
+        for name in {"p", "q", "x", "w", "s", "start"} & data.keys():
+            if mutations.symmetric(data[name]) and (data["theorem"], name) != ("l2", "x"):  # l2 has no use for x
+                changed = copy.deepcopy(data)
+                changed[name][0][1] = math.nextafter(float.fromhex(data[name][0][1]), math.inf).hex()
+                assert not checker.check(mutations.signed(changed))["holds"], (data["theorem"], name)
+
+
+def test_the_text_names_tied_channels():
+    """e' = -e + rho_1 e - rho_2 e decays where rho_1 = rho_2, and only there."""
+    two = {"b": [[1.0, 1.0]], "c": [[1.0], [-1.0]], "lower": [-5.0, -5.0], "upper": [5.0, 5.0], "output": [[1.0]]}
+    rest = {"gain": [[0.0]], "inner": [], "left": [], "right": [], "tau": 0.0, "taus": [], "origin": "given", "p": [[1.0]]}
+    for tied in ([0, 0], [0, 1], []):
+        found = checker.check(small("corners", [[-1.0]], **two, **rest, rate=0.5, tied=tied))
+        assert found["holds"] == (tied == [0, 0])
+        assert f"rho_k equal for equal numbers in tied = {tuple(tied)}" in found["assumptions"][0]
+
+
+def test_no_gain_speaks_of_the_norm_and_of_faster_decay():
+    """e' = -e decays at the rate 1, e^2 at 2: no faster, which is all that may be said at the border."""
+    ray = {"gain": [[0.0]], "points": [[]], "multipliers": [[1.0]], "step": 0, "radius": 0.0, "t": 0.0}
+    for rate in (0.999, 1.0, 1.001):
+        found = checker.check(small("no-gain", [[-1.0]], **ray, rate=rate))
+        assert found["holds"] == (rate >= 1)
+        assert f"makes sqrt(e'P e) decay faster than at the rate {rate}" in found["claim"]
 
 
 def hostile_texts(seeds):

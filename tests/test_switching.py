@@ -105,8 +105,8 @@ def test_a_constant_word_is_a_switching_too():
 )
 def test_malformed_switchings_are_not_shown(change, why):
     proof = SwitchingInstability(
-        ((0.0, 1.0), (0.0, -0.02)), ((0.0,), (-1.0,)), ((1.0, 0.0),), ((1.0, 0.0),), ((0.0,), (0.0,)), (0.5,), (2.0,),
-        ((2.0,), (0.5,)), (1.11, 2.22), 8,
+        a=((0.0, 1.0), (0.0, -0.02)), b=((0.0,), (-1.0,)), c=((1.0, 0.0),), lower=(0.5,), upper=(2.0,), output=((1.0, 0.0),),
+        gain=((0.0,), (0.0,)), points=((2.0,), (0.5,)), durations=(1.11, 2.22), repeats=8,
     )  # fmt: skip
     assert proof.verify()
     verdict = dataclasses.replace(proof, **change).verify()
@@ -120,8 +120,9 @@ def test_malformed_switchings_are_not_shown(change, why):
 def test_numbers_of_any_size_get_a_verdict(entries, time, step):
     a = (entries[:2], entries[2:])
     proof = SwitchingInstability(
-        a, ((), ()), (), ((1.0, 0.0),), ((0.0,), (0.0,)), (), (), ((),) * 64, (time,) * 64, repeats=256, step=step
-    )
+        a=a, b=((), ()), c=(), lower=(), upper=(), output=((1.0, 0.0),), gain=((0.0,), (0.0,)), points=((),) * 64,
+        durations=(time,) * 64, repeats=256, step=step,
+    )  # fmt: skip
     verdict = proof.verify()
     assert not verdict
     assert verdict.why.startswith("not certified")

@@ -11,7 +11,7 @@ from jaxobs.bench.measures import worst_at_corners
 from jaxobs.bench.rows import STEPS, Problem
 from jaxobs.certificates import AbstractCertificate
 from jaxobs.designs import H2, L2, Infeasible, corner_lmi, lpv_model, prove_level, synthesize
-from jaxobs.designs.polytope import Polytope
+from jaxobs.designs.polytope import Polytope, as_tuples
 from jaxobs.papers.p004 import duffing, invariant, joint
 from jaxobs.papers.p004.paper import (
     DUFFING_GAIN,
@@ -136,10 +136,9 @@ def _row(problem: Problem, bound: str, method: str, gain: np.ndarray, rate: floa
     l2 = float(proofs["L2"].level) if "L2" in proofs else None
     frozen = float(np.sqrt(worst_at_corners(problem.model, gain, *problem.factors)))
     verified = bool(proofs) and all(proof.verify() for proof in proofs.values())
-    as_rows = tuple(tuple(float(x) for x in line) for line in gain)
-    norm, verdict = float(np.linalg.norm(gain)), "verified" if verified else "not certified"
+    norm, verdict, own = float(np.linalg.norm(gain)), "verified" if verified else "not certified", as_tuples(gain)
     proved = rate if proofs else None
-    return DmvtRow(problem.name, bound, method, as_rows, norm, proved, h2, l2, frozen, verdict, False, tuple(proofs.values()))
+    return DmvtRow(problem.name, bound, method, own, norm, proved, h2, l2, frozen, verdict, False, tuple(proofs.values()))
 
 
 def _lorenz() -> Iterator[DmvtRow]:

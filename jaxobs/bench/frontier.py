@@ -19,6 +19,7 @@ from jaxobs.designs import Infeasible, kalman_floor
 
 SIZES, STRENGTHS = (2, 3, 4, 5), (1, 10)
 RATES = np.geomspace(0.1, 30.0, 11)  # 1/s
+Rates = Sequence[float] | np.ndarray
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,15 +47,8 @@ class Curve:
     verdict: str
     below: AbstractCertificate = dataclasses.field(repr=False)
 
-    @property
-    def gaps(self) -> tuple[float, ...]:
-        """Certified level over floor, at each point."""
-        return tuple(one.level / self.floor for one in self.points)
 
-
-def curve(
-    n: int, k_f: float | int, rates: Sequence[float] | np.ndarray = RATES, *, progress: Report = lambda what: None
-) -> Curve:
+def curve(n: int, k_f: float | int, rates: Rates = RATES, *, progress: Report = lambda what: None) -> Curve:
     """A design for each rate; where one for a faster rate is quieter, it stands here too, since it proves the slower rate."""
     problem = chain(n, k_f)
     below = kalman_floor(problem.model, *problem.factors)
@@ -73,7 +67,7 @@ def curve(
 
 
 def frontier(
-    sizes=SIZES, strengths=STRENGTHS, rates: Sequence[float] | np.ndarray = RATES, *, progress: Report = lambda what: None
+    sizes=SIZES, strengths=STRENGTHS, rates: Rates = RATES, *, progress: Report = lambda what: None
 ) -> Iterator[Curve]:
     """A curve for each k_f and n."""
     for k_f in strengths:

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from typing import Literal
 
 from jaxobs.bench.chain_table import Report, chain
-from jaxobs.bench.rows import STEPS
 from jaxobs.designs import Infeasible, synthesize
 
 Cover = Literal["multiplier", "lazy", "corners"]
 COVERS: tuple[Cover, ...] = ("multiplier", "lazy", "corners")
 SIZES = range(2, 13)
 STRENGTH, RATE = 1.0, 0.5  # k_f, 1/s
+STEPS = 12  # of a descent
 BUDGET = 60.0  # s for a design, beyond which a cover counts as not practical
 
 

@@ -9,10 +9,10 @@ import numpy as np
 from jaxobs.bench import measures
 from jaxobs.certificates import AbstractCertificate, H2Level
 from jaxobs.designs import H2, Infeasible, prove_level, synthesize
-from jaxobs.designs.polytope import Polytope
+from jaxobs.designs.polytope import Polytope, as_tuples
 
 TIE = 1e-3  # relative difference of levels below which nobody wins
-STEPS = 12  # of a descent: the first ones bring most
+STEPS = 40  # of a descent: the first ones bring most
 
 Outcome = Literal["wins", "ties", "loses", "neither proved"]
 
@@ -134,12 +134,11 @@ def _row(
     """The noise and the peak of a gain computed, its certificate checked once more."""
     (e, w, v), model, gain = problem.factors, problem.model, np.asarray(gain, float)
     middle = measures.noise_at(model, gain, (model.lower + model.upper) / 2, w, v)
-    channels = (np.inf,) * model.n if middle is None else tuple(float(x) for x in np.sqrt(np.diag(middle)))
+    channels = (np.inf,) * model.n if middle is None else as_tuples(np.sqrt(np.diag(middle)))
     nominal = np.inf if middle is None else float(np.sqrt(np.trace(e @ middle @ e.T)))
     frozen = float(np.sqrt(measures.worst_at_corners(model, gain, e, w, v)))
     verdict = "verified" if certificate is not None and certificate.verify() else "not certified"
-    as_rows = tuple(tuple(float(x) for x in line) for line in gain)
     return GainRow(
-        problem.name, method, as_rows, float(np.linalg.norm(gain)), rate, level, nominal, channels, frozen,
+        problem.name, method, as_tuples(gain), float(np.linalg.norm(gain)), rate, level, nominal, channels, frozen,
         measures.peak(model, gain), seconds, verdict, certificate,
     )  # fmt: skip

@@ -37,7 +37,8 @@ class Prover:
             name = f"lower[{k}], upper[{k}]"
             if value is not None and (value.high < limits[0] or value.low > limits[1]):
                 at = ", ".join(f"{v} = {float(x.low):.9g}" for v, x in zip(self.variables, middle, strict=True))
-                given = f"{low!r} .. {high!r}, where rho = {self.formulas.written(form)} is {float(value.low):.9g} at {at}"
+                there = f"{checker_bounds.near(value.low):.9g} at {at}"
+                given = f"{low!r} .. {high!r}, where rho = {self.formulas.written(form)} is {there}"
                 raise refuse("with_bounds", name, given, "bounds that hold on the box", "Widen them, or shrink the box.")
             halves = [(v, *_cut(box, v)) for v in own if box[v].low < _middle(box[v]) < box[v].high]
             if cuts > most or not halves:
@@ -61,7 +62,7 @@ class Prover:
         if value is None:
             return np.inf
         over = max(limits[0] - value.low, value.high - limits[1])
-        return float(over) if over > 0 else 0.0
+        return checker_bounds.near(over) if over > 0 else 0.0
 
 
 def _end(text: str) -> Any:
@@ -70,14 +71,15 @@ def _end(text: str) -> Any:
 
 
 def _middle(x: Any) -> Fraction:
-    """A float inside the interval, half way where it is bounded."""
+    """A float inside the interval, half way where it is bounded; its finite end where no float is beyond that."""
     low, high = float(x.low), float(x.high)
     if np.isinf(low) and np.isinf(high):
         return Fraction(0)
     if np.isinf(low) or np.isinf(high):
         end = high if np.isinf(low) else low
-        return Fraction(end + (1.0 + abs(end)) * (-1.0 if np.isinf(low) else 1.0))
-    return Fraction(low + (high - low) / 2)
+        inside = end + (1.0 + abs(end)) * (-1.0 if np.isinf(low) else 1.0)
+        return Fraction(end if np.isinf(inside) else inside)
+    return Fraction(low / 2 + high / 2 if np.isinf(high - low) else low + (high - low) / 2)
 
 
 def _cut(box: Any, v: int) -> tuple[Any, Any]:

@@ -50,7 +50,7 @@ class AbstractCertificate:
 
     def verify(self) -> Verdict:
         """Decides the claim on the stored numbers only, in exact rational arithmetic; no solver, no rounding."""
-        found = checker_more.check(self.to_dict())
+        found: dict[str, Any] = checker_more.check(self.to_dict())
         return Verdict(found["holds"], found["margins"], found["why"])
 
     def to_dict(self) -> dict[str, Any]:

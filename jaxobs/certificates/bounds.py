@@ -31,7 +31,7 @@ FEW = 100  # bisections before bounds are relaxed
 class Travelling:
     """A certificate and what proves its bounds: `verify()` decides both, `to_json` writes one file for both checkers.
 
-    bounds: the field of that name in the file. leaves: in how many boxes it cuts the box.
+    bounds: the field of that name in the file.
     """
 
     certificate: AbstractCertificate
@@ -39,16 +39,20 @@ class Travelling:
 
     @property
     def leaves(self) -> int:
+        """In how many boxes the bisections cut the box, over all parameters."""
         return sum(one["splits"].count(0) for one in self.bounds["parameters"])
 
     def to_dict(self) -> dict[str, Any]:
+        """Plain data: the certificate with its bounds, under one hash."""
         body = {key: value for key, value in self.certificate.to_dict().items() if key != "sha256"} | {"bounds": self.bounds}
         return body | {"sha256": checker_more.digest(body)}
 
     def to_json(self, path: str | PathLike[str]) -> None:
+        """One file, which `checker_more` and `checker_bounds` decide, each its part."""
         Path(path).write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
 
     def verify(self) -> Verdict:
+        """Decides the certificate, then its bounds, each by the checker that a stranger would run."""
         verdict = self.certificate.verify()
         if not verdict.holds:
             return verdict

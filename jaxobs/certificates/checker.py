@@ -119,8 +119,8 @@ BOX = "a=n,n b=n,r c=r,n output=p,n gain=n,p lower=r upper=r tied:ints "
 FULL = BOX + "inner=r,p? left=n,u? right=v,n? tau= taus=r? origin:str p=n,n "
 NOISY = FULL + "rate= q=n,n? x=n,n? taus_q=r? weight=s,n process=n,m noise=p,k level= "
 MODEL = ("{moves} = F(rho) e is the error of the observer, F = a + sum_k rho_k b_k (c_k - inner_k output) - gain output (+ "
-         "left Delta right, |Delta| <= 1, if given)", "gains are real numbers, carried out without rounding",
-         "rho stays within the stored bounds at all times (bounds: {origin!r})")
+         "left Delta right, |Delta| <= 1, if given), rho_k equal for equal numbers in tied = {tied}", "gains are real numbers, "
+         "carried out without rounding", "rho stays within the stored bounds at all times (bounds: {origin!r})")
 BOXED = " for all rho in [{lower}, {upper}] with the gain L = {gain}"
 
 def theorem(name, fields, claim, assumptions=MODEL):
@@ -175,7 +175,7 @@ def real(x):
     except OverflowError: return math.inf if x > 0 else -math.inf
 
 def decoded(value, dims, sizes):
-    """The floats of a field, nested as its dimensions say."""
+    """The floats of a field, nested as its dimensions say; of a text with more digits, the float that is nearest."""
     if not dims: return float.fromhex(value)
     if type(value) is not list or sizes.setdefault(dims[0], len(value)) != len(value):
         raise Refused("its size does not fit the others")
@@ -188,7 +188,7 @@ def field(value, kind, sizes):
     if kind in ("int", "str", "ints"):
         if type(value) is not {"int": int, "str": str, "ints": list}[kind] or (kind == "ints" and {*map(type, value)} - {int}):
             raise TypeError(f"given {value!r:.50}, expected {kind}")
-        return value, value
+        return (tuple(value) if kind == "ints" else value), value
     dims = kind.strip("=?").split(",") if kind.strip("=?") else []
     shown = () if kind[-1] == "?" and value == [] else decoded(value, dims, sizes)
     if len(dims) == 2: return shown, M(map(Fraction, row) for row in shown)
@@ -247,4 +247,4 @@ def main(paths):
             code = 2
     return code
 
-if __name__ == "__main__": sys.exit(main(sys.argv[1:]))
+if __name__ == "__main__": sys.exit(main(sys.argv[1:]) if sys.argv[1:] else __doc__)

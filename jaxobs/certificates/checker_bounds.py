@@ -26,6 +26,8 @@ ONE, ERROR = 1 << P, 1 << 62  # of a series, in units of 2^-P: its roundings, a 
 
 class Refused(Exception): """Why the bounds do not follow from what the file says."""
 
+def near(x): return float(x) if abs(x) <= sys.float_info.max else INF if x > 0 else -INF  # for reading
+def exact(x): return repr(near(x)) if near(x) == x else str(x)
 def fixed(x): return (x.numerator << P) // x.denominator
 def outward(low, high): return Interval(-up(-low), up(high))
 
@@ -88,13 +90,8 @@ RANGE |= dict.fromkeys(("tanh", "erf"), (-Q(1), Q(1)))
 class Interval(NamedTuple):
     low: Q | float
     high: Q | float
-
-    def __mul__(self, other):
-        ends = [times(x, y) for x in self for y in other]
-        return outward(min(ends), max(ends))
-
-    def __pow__(self, n):
-        """None for a negative power of an interval with 0."""
+    def __mul__(self, other): return outward(min(ends := [times(x, y) for x in self for y in other]), max(ends))
+    def __pow__(self, n):  # None for a negative power of an interval with 0
         if n < 0 and self.low <= 0 <= self.high: return None
         if n < 0: return outward(*(Q(0) if type(x) is float else 1 / x for x in self[::-1])) ** -n
         low, high = ((x if n % 2 else INF) if type(x) is float else x**n for x in self)
@@ -155,8 +152,8 @@ class Formulas:
         if any(i >= j for (i, _), (j, _) in pairwise(terms)): raise Refused("that a sum names its nodes once, in order,")
         return number(given[0]), *terms
     def written(self, form):
-        parts = [self.text[j] if k == 1 else f"{float(k)!r} {self.text[j]}" for j, k in form[1:]]
-        return " + ".join(parts + [repr(float(form[0]))] * (form[0] != 0 or not parts))
+        parts = [self.text[j] if k == 1 else f"{exact(k)} {self.text[j]}" for j, k in form[1:]]
+        return " + ".join(parts + [exact(form[0])] * (form[0] != 0 or not parts))
     def under(self, form): return reduce(or_, (self.below[j] for j, _ in form[1:]), 0)  # the nodes below a form, as bits
     def order(self, form): return [i for i, bit in enumerate(bin(self.under(form))[:1:-1]) if bit == "1"]
     def spend(self, effort):
@@ -197,7 +194,8 @@ def prove(data, lines):
     if data["sha256"] != hashlib.sha256(json.dumps(body, sort_keys=True, separators=(",", ":")).encode()).hexdigest():
         raise Refused("agreement with the SHA-256")
     if given["format"] != "jaxobs-bounds/1": raise Refused("format jaxobs-bounds/1")
-    if not (len({*names}) == len(names) <= MOST_VARIABLES and all(map(str.isidentifier, names))): raise Refused("plain names")
+    if not (len({*names}) == len(names) <= MOST_VARIABLES and all(x.isascii() and x.isidentifier() for x in names)):
+        raise Refused("plain names")
     ends = [[*map(float.fromhex, pair)] for pair in zip(given["lower"], given["upper"], strict=True)]
     if not all(low <= high and low < INF and high > -INF for low, high in ends): raise Refused("lower <= upper in the box")
     s = Formulas(given["nodes"], names)
@@ -205,6 +203,7 @@ def prove(data, lines):
     lines += [f"{name} in {pair}" for name, pair in zip(names, ends, strict=True)] + s.lines
     a, b, c = ([[*map(number, row)] for row in data[key]] for key in "abc")
     tied = data["tied"] or [*range(len(data["lower"]))]
+    if {*map(len, b), len(c)} != {len(tied)} or len(b) != len(a): raise Refused("one column of b and row of c a parameter")
     rhos = dict(zip(dict.fromkeys(tied), ((s.form(one["rho"]), one["splits"]) for one in given["parameters"]), strict=True))
     for i, (row, entries) in enumerate(zip(a, given["jacobian"], strict=True)):
         for j, (x, entry) in enumerate(zip(row, map(s.form, entries), strict=True)):
@@ -217,12 +216,12 @@ def prove(data, lines):
             if any(rest.values()): raise Refused(f"J[{i}][{j}] = a[{i}][{j}] + sum_k rho_k b[{i}][k] c[k][{j}], as formulas,")
     for name, low, high in dict.fromkeys(zip(tied, map(number, data["lower"]), map(number, data["upper"]), strict=True)):
         (rho, splits), order = rhos[name], s.order(rhos[name][0])
-        lines.append(f"{float(low)!r} <= {s.written(rho)} <= {float(high)!r}")
+        lines.append(f"{exact(low)} <= {s.written(rho)} <= {exact(high)}")
         for leaf in leaves(splits, box):
             value, count = s.enclose(rho, order, leaf), count + 1
             if value is None or not low <= value.low <= value.high <= high:
-                found = "undefined" if value is None else f"in {[*map(float, value)]}"
-                raise Refused(f"{lines[-1]} ({found} on the leaf {[[*map(float, x)] for x in leaf]})")
+                found = "undefined" if value is None else f"in {[*map(near, value)]}"
+                raise Refused(f"{lines[-1]} ({found} on the leaf {[[*map(near, x)] for x in leaf]})")
     return count
 
 def check(data):
@@ -233,13 +232,14 @@ def check(data):
     except ERRORS as error: why = f"malformed, {type(error).__name__}: {error!s:.80}"
     return {"holds": False, "why": f"bounds not proved: {why}", "lines": lines}
 
+def once(pairs): return dict(pairs) if len(dict(pairs)) == len(pairs) else None  # a key given twice can be read in two ways
 def main(paths):
     """Prints the verdicts; 0 if all hold, 1 if one does not, 2 if a file cannot be read."""
     code = 0
     for path in paths:
         try:
             if Path(path).stat().st_size > MOST_BYTES: raise ValueError(f"more than {MOST_BYTES} bytes")
-            found = check(json.loads(Path(path).read_text(encoding="utf-8")))
+            found = check(json.loads(Path(path).read_text(encoding="utf-8"), object_pairs_hook=once))
             print(f"{path}: {found['why']}", *found["lines"], sep="\n  ")
             code = max(code, int(not found["holds"]))
         except (OSError, ValueError, RecursionError) as error:
@@ -247,4 +247,4 @@ def main(paths):
             code = 2
     return code
 
-if __name__ == "__main__": sys.exit(main(sys.argv[1:]))
+if __name__ == "__main__": sys.exit(main(sys.argv[1:]) if sys.argv[1:] else __doc__)

@@ -77,7 +77,8 @@ def no_high_gain_lmi(d):
     yield "theta^{1+j0} tr W <= 2 k sum tr X > 0", mass > 0 and d.theta ** (1 + d.j0) * trace(d.w) <= 2 * d.constant * mass
 
 HELD = ("e' = (a + sum_k rho_k b_k c_k) e - (gain + sum_k rho_k b_k inner_k) output e(t_k), t_k <= t < t_k+1, is the error of "
-        "the observer: of the continuous plant, the innovation held; 0 < t_k+1 - t_k <= delta, intervals may vary", *MODEL[1:])
+        "the observer: of the continuous plant, the innovation held; 0 < t_k+1 - t_k <= delta, intervals may vary; rho_k equal "
+        "for equal numbers in tied = {tied}", *MODEL[1:])
 SAMPLED = BOX + "inner=r,p? origin:str rate= delta= "
 SLOWED = "with samples at most {delta} apart the error decays at least like exp(-{rate} t) from the first one on," + BOXED
 
@@ -141,4 +142,4 @@ def mismatch(d):
     yield "|weight e|^2 <= bound^2 e'P e", block([d.p, d.weight.T], [d.weight, d.bound**2 * eye(len(d.weight.rows))])
     d.margins["bound"] = d.bound
 
-if __name__ == "__main__": sys.exit(main(sys.argv[1:]))
+if __name__ == "__main__": sys.exit(main(sys.argv[1:]) if sys.argv[1:] else __doc__)

@@ -8,9 +8,9 @@ except ImportError: from checker import *
 NONE = ("a statement on the stored matrices; another kind of proof may exist, and the observer may converge",)
 
 @theorem("no-gain", BOX.replace("gain=n,p", "gain=n,p?") + "points=N,r multipliers=R,n rate= step:int radius= t=", "no P > 0 "
-         "makes e'P e decay at the rate {rate} (step = {step}: factor) at all parameters {points}, with L = {gain}; where that "
-         "is empty, with no L at all (radius {radius} > 0: no L of |L| <= radius); for a single point: no such L makes all "
-         "errors decay like that", NONE)
+         "makes sqrt(e'P e) decay faster than at the rate {rate} (step = {step}: factor) at all parameters {points}, with L = "
+         "{gain}; where that is empty, with no L at all (radius {radius} > 0: no L of |L| <= radius); for a single point: no "
+         "such L makes all errors decay like that", NONE)
 def no_gain(d):
     n, rows, total, g = len(d.a.rows), d.multipliers.rows, 0 * d.a, 0 * d.output.T
     any_gain, d.inner, d.gain = not d.gain.rows, M([]), d.gain if d.gain.rows else g
@@ -33,11 +33,12 @@ def contained(d, rho):
     return all(lo <= x <= hi and x == rho[tied.index(t)] for lo, x, hi, t in zip(d.lower, rho, d.upper, tied))
 
 @theorem("kalman-floor", BOX.replace("gain=n,p ", "") + "rho=r weight=s,n process=n,m noise=p,k s=n,n level=", "no linear "
-         "unbiased filter at the constant rho = {rho} has a smaller mean of |weight e|^2 than {level}", NONE)
+         "filter that is unbiased in the end from every initial state has, at the constant rho = {rho}, a smaller mean over "
+         "time of |weight e|^2 than {level}", NONE)
 def kalman_floor(d):
     d.gain, d.inner, so, v = 0 * d.output.T, M([]), d.s @ d.output.T, d.noise @ d.noise.T
     yield "the box containing rho", contained(d, d.rho)
-    yield "V > 0", v
+    yield from (("S = S'", d.s.rows == d.s.T.rows), ("V > 0", v))
     yield "the Riccati inequality of S", block([sym(closed(d, d.rho) @ d.s) + d.process @ d.process.T, so], [so.T, v])
     yield "tr E S E' >= level", trace(d.weight @ d.s @ d.weight.T) >= d.level
 
@@ -161,4 +162,4 @@ def exponential(f, time):
     for _ in range(s): total = times(total, total)
     return total
 
-if __name__ == "__main__": sys.exit(main(sys.argv[1:]))
+if __name__ == "__main__": sys.exit(main(sys.argv[1:]) if sys.argv[1:] else __doc__)

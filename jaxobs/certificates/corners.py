@@ -3,11 +3,12 @@
 import dataclasses
 from typing import ClassVar
 
-from jaxobs.certificates.base import AbstractCertificate, FloatMatrix
+from jaxobs.certificates._model import AbstractUncertainError
+from jaxobs.certificates.base import FloatMatrix
 
 
 @dataclasses.dataclass(frozen=True)
-class Corners(AbstractCertificate):
+class Corners(AbstractUncertainError):
     """For e' = (F(rho) + left Delta right) e with F(rho) = a + sum_k rho_k b_k (c_k - inner_k output) - gain output,
 
         P > 0   and   F'P + P F + 2 rate P < 0   at all corners of lower <= rho <= upper
@@ -24,27 +25,13 @@ class Corners(AbstractCertificate):
     Automatica 37 (2001) 1923-1930.
     """
 
-    a: FloatMatrix
-    b: FloatMatrix
-    c: FloatMatrix
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
-    output: FloatMatrix
-    gain: FloatMatrix
     p: FloatMatrix
     rate: float
-    origin: str = "given"
-    tied: tuple[int, ...] = ()
-    inner: FloatMatrix = ()
-    left: FloatMatrix = ()
-    right: FloatMatrix = ()
-    tau: float = 0.0
-    taus: tuple[float, ...] = ()
     theorem: ClassVar[str] = "corners"
 
 
 @dataclasses.dataclass(frozen=True)
-class StepCorners(AbstractCertificate):
+class StepCorners(AbstractUncertainError):
     """For e+ = (F(rho) + left Delta right) e with F(rho) as in Corners and lower <= rho_k <= upper,
 
         P > 0   and   F'P F < factor^2 P   at all corners
@@ -56,20 +43,6 @@ class StepCorners(AbstractCertificate):
     theorem 2.
     """
 
-    a: FloatMatrix
-    b: FloatMatrix
-    c: FloatMatrix
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
-    output: FloatMatrix
-    gain: FloatMatrix
     p: FloatMatrix
     factor: float
-    origin: str = "given"
-    tied: tuple[int, ...] = ()
-    inner: FloatMatrix = ()
-    left: FloatMatrix = ()
-    right: FloatMatrix = ()
-    tau: float = 0.0
-    taus: tuple[float, ...] = ()
     theorem: ClassVar[str] = "step-corners"

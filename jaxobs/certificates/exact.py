@@ -125,3 +125,42 @@ def zeros(rows: int, columns: int) -> Matrix:
 def block(rows: Sequence[Sequence[Matrix]]) -> Matrix:
     """The matrix made of blocks, as numpy.block."""
     return [[entry for part in parts for entry in part] for blocks in rows for parts in zip(*blocks, strict=True)]
+
+
+def reduced(rows: Matrix, columns: Sequence[int]) -> tuple[Matrix, list[int]]:
+    """(the rows with units in the pivot columns, those of zeros last; these columns), by Gauss and Jordan.
+
+    columns: where pivots are looked for, in this order.
+    """
+    table, pivots = [list(row) for row in rows], []
+    for j in columns:
+        top = len(pivots)
+        place = next((i for i in range(top, len(table)) if table[i][j]), None)
+        if place is None:
+            continue
+        table[top], table[place] = table[place], table[top]
+        lead = table[top] = [x / table[top][j] for x in table[top]]
+        for i, row in enumerate(table):
+            if i != top and row[j]:
+                table[i] = [x - row[j] * y for x, y in zip(row, lead, strict=True)]
+        pivots.append(j)
+    return table, pivots
+
+
+def kernel(rows: Matrix, n: int) -> Matrix:
+    """A basis of {v (n,): rows v = 0}, one vector a row, each with a 1 where the others have 0."""
+    table, pivots = reduced(rows, range(n))
+    basis = []
+    for free in (j for j in range(n) if j not in pivots):
+        vector = [Fraction(int(j == free)) for j in range(n)]
+        for row, column in zip(table, pivots, strict=False):
+            vector[column] = -row[free]
+        basis.append(vector)
+    return basis
+
+
+def inverse(rows: Matrix) -> Matrix | None:
+    """None for a singular matrix."""
+    n = len(rows)
+    table, pivots = reduced([[*row, *unit] for row, unit in zip(rows, identity(n), strict=True)], range(n))
+    return [row[n:] for row in table] if len(pivots) == n else None

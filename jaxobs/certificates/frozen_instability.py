@@ -5,12 +5,13 @@ from fractions import Fraction
 from typing import ClassVar
 
 from jaxobs.certificates import exact
-from jaxobs.certificates.base import AbstractCertificate, FloatMatrix
+from jaxobs.certificates._model import AbstractModel
+from jaxobs.certificates.base import FloatMatrix
 from jaxobs.certificates.routh import Count, frozen
 
 
 @dataclasses.dataclass(frozen=True)
-class FrozenInstability(AbstractCertificate):
+class FrozenInstability(AbstractModel):
     """For e' = F(rho) e (step = 1: e+ = F(rho) e) with F(rho) = a + sum_k rho_k b_k c_k' - L output, at the stored constant rho
 
         some eigenvalue of F(rho) has Re s > 0 (|z| > 1),
@@ -21,16 +22,9 @@ class FrozenInstability(AbstractCertificate):
     Matrices II, chapter XV.
     """
 
-    a: FloatMatrix
-    b: FloatMatrix
-    c: FloatMatrix
-    output: FloatMatrix
     gain: FloatMatrix
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
     rho: tuple[float, ...]
     step: int = 0
-    tied: tuple[int, ...] = ()
     theorem: ClassVar[str] = "frozen-instability"
 
     def count(self) -> Count:

@@ -3,11 +3,12 @@
 import dataclasses
 from typing import ClassVar
 
-from jaxobs.certificates.base import AbstractCertificate, FloatMatrix
+from jaxobs.certificates._model import AbstractModel
+from jaxobs.certificates.base import FloatMatrix
 
 
 @dataclasses.dataclass(frozen=True)
-class GainFloor(AbstractCertificate):
+class GainFloor(AbstractModel):
     """For one output C and A_c = a + sum_k rho_k b_k c_k' + rate I at the points rho_c of the box,
 
         det(s I - A_c + L C) = s^n + sum_k (alpha_ck + C B_ck L) s^{n-k},   B_c1 = I,  B_c,k+1 = A_c B_ck + alpha_ck I,
@@ -23,15 +24,8 @@ class GainFloor(AbstractCertificate):
     Theory of Matrices I, chapter IV (the coefficients, Faddeev and LeVerrier) and II, chapter XV (their signs, Stodola).
     """
 
-    a: FloatMatrix
-    b: FloatMatrix
-    c: FloatMatrix
-    output: FloatMatrix
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
     points: FloatMatrix
     weights: tuple[float, ...]
     rate: float
     level: float
-    tied: tuple[int, ...] = ()
     theorem: ClassVar[str] = "gain-floor"

@@ -3,11 +3,12 @@
 import dataclasses
 from typing import ClassVar
 
-from jaxobs.certificates.base import AbstractCertificate, FloatMatrix
+from jaxobs.certificates._model import AbstractUncertainError
+from jaxobs.certificates.base import FloatMatrix
 
 
 @dataclasses.dataclass(frozen=True)
-class H2Level(AbstractCertificate):
+class H2Level(AbstractUncertainError):
     """For e' = F(rho) e + process w - G(rho) noise v, F(rho) = a + sum_k rho_k b_k (c_k - inner_k output) - gain output,
     G(rho) = gain + b diag(rho) inner, w and v white of unit intensity: P proves the rate as in Corners, and, at all corners,
 
@@ -25,13 +26,6 @@ class H2Level(AbstractCertificate):
     Theory, 1994, sections 6.2.1 and 6.2.2.
     """
 
-    a: FloatMatrix
-    b: FloatMatrix
-    c: FloatMatrix
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
-    output: FloatMatrix
-    gain: FloatMatrix
     p: FloatMatrix
     rate: float
     weight: FloatMatrix
@@ -40,12 +34,5 @@ class H2Level(AbstractCertificate):
     level: float
     q: FloatMatrix = ()
     x: FloatMatrix = ()
-    origin: str = "given"
-    tied: tuple[int, ...] = ()
-    inner: FloatMatrix = ()
-    left: FloatMatrix = ()
-    right: FloatMatrix = ()
-    tau: float = 0.0
-    taus: tuple[float, ...] = ()
     taus_q: tuple[float, ...] = ()
     theorem: ClassVar[str] = "h2"

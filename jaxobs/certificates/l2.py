@@ -3,11 +3,12 @@
 import dataclasses
 from typing import ClassVar
 
-from jaxobs.certificates.base import AbstractCertificate, FloatMatrix
+from jaxobs.certificates._model import AbstractUncertainError
+from jaxobs.certificates.base import FloatMatrix
 
 
 @dataclasses.dataclass(frozen=True)
-class L2Level(AbstractCertificate):
+class L2Level(AbstractUncertainError):
     """For e' = F(rho) e + process w - G(rho) noise v, F and G as in H2Level: P proves the rate as in Corners, and
 
         [ -(F'Q + Q F) - E'E    -Q process      Q G noise ]
@@ -19,13 +20,6 @@ class L2Level(AbstractCertificate):
     Shapes as in H2Level. Source: Boyd et al., Linear Matrix Inequalities in System and Control Theory, 1994, section 6.3.2.
     """
 
-    a: FloatMatrix
-    b: FloatMatrix
-    c: FloatMatrix
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
-    output: FloatMatrix
-    gain: FloatMatrix
     p: FloatMatrix
     rate: float
     weight: FloatMatrix
@@ -34,12 +28,5 @@ class L2Level(AbstractCertificate):
     level: float
     q: FloatMatrix
     x: FloatMatrix = ()
-    origin: str = "given"
-    tied: tuple[int, ...] = ()
-    inner: FloatMatrix = ()
-    left: FloatMatrix = ()
-    right: FloatMatrix = ()
-    tau: float = 0.0
-    taus: tuple[float, ...] = ()
     taus_q: tuple[float, ...] = ()
     theorem: ClassVar[str] = "l2"

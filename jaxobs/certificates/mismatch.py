@@ -3,11 +3,12 @@
 import dataclasses
 from typing import ClassVar
 
-from jaxobs.certificates.base import AbstractCertificate, FloatMatrix
+from jaxobs.certificates._model import AbstractUncertainError
+from jaxobs.certificates.base import FloatMatrix
 
 
 @dataclasses.dataclass(frozen=True)
-class Mismatch(AbstractCertificate):
+class Mismatch(AbstractUncertainError):
     """For e' = F(rho) e + disturbance d(t) - G(rho) v(t), G = gain + sum_k rho_k b_k inner_k, |d| <= size, |v| <= noise_size:
 
         [-(F'P + P F) - alpha P,  -P disturbance,  P G;   *,  beta I,  0;   *,  *,  gamma I] > 0 at all corners,    P > 0,
@@ -23,13 +24,6 @@ class Mismatch(AbstractCertificate):
     Corners. Source: Boyd et al., Linear Matrix Inequalities in System and Control Theory, 1994, section 6.1.3 (peak inputs).
     """
 
-    a: FloatMatrix
-    b: FloatMatrix
-    c: FloatMatrix
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
-    output: FloatMatrix
-    gain: FloatMatrix
     p: FloatMatrix
     alpha: float
     beta: float
@@ -39,11 +33,4 @@ class Mismatch(AbstractCertificate):
     noise_size: float
     weight: FloatMatrix
     bound: float
-    origin: str = "given"
-    tied: tuple[int, ...] = ()
-    inner: FloatMatrix = ()
-    left: FloatMatrix = ()
-    right: FloatMatrix = ()
-    tau: float = 0.0
-    taus: tuple[float, ...] = ()
     theorem: ClassVar[str] = "mismatch"

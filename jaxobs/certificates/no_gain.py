@@ -3,11 +3,12 @@
 import dataclasses
 from typing import ClassVar
 
-from jaxobs.certificates.base import AbstractCertificate, FloatMatrix
+from jaxobs.certificates._model import AbstractModel
+from jaxobs.certificates.base import FloatMatrix
 
 
 @dataclasses.dataclass(frozen=True)
-class NoGain(AbstractCertificate):
+class NoGain(AbstractModel):
     """For F(rho) = a + sum_k rho_k b_k c_k' - L output and multipliers X_c >= 0, not all zero, at points rho_c of the box,
 
         S = sum_c F_c X_c + X_c F_c' + 2 rate X_c      (step = 1: sum_c F_c X_c F_c' - rate^2 X_c),      g = sum_c X_c output',
@@ -19,7 +20,8 @@ class NoGain(AbstractCertificate):
         [S - t radius^2 I, g; g', t I] >= 0,  t > 0,
 
     then S - L g' - g L' >= S - t L L' - g g'/t >= 0 for L L' <= radius^2 I, and it is said of every gain with |L| <= radius.
-    It does not say that errors grow: another kind of Lyapunov function may exist. From a single point with one gain it does.
+    It does not say that errors grow: another kind of Lyapunov function may exist. From a single point with one gain it says
+    that some error decays no faster than at the rate. With step = 1 and g = 0 every X_c output' is 0, since the X_c are >= 0.
 
     a (n, n), b (n, r), c (r, n), output (p, n), gain (n, p) or (), lower, upper (r,), points (N, r), multipliers (N n, n), one
     below the other; step = 1: rate is the factor a step; radius = t = 0 where there is none. Source: Boyd, El Ghaoui, Feron and
@@ -27,18 +29,11 @@ class NoGain(AbstractCertificate):
     Letters 8 (1987) 351-357 (t).
     """
 
-    a: FloatMatrix
-    b: FloatMatrix
-    c: FloatMatrix
-    output: FloatMatrix
     gain: FloatMatrix
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
     points: FloatMatrix
     multipliers: FloatMatrix
     rate: float = 0.0
     step: int = 0
     radius: float = 0.0
     t: float = 0.0
-    tied: tuple[int, ...] = ()
     theorem: ClassVar[str] = "no-gain"

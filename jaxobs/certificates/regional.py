@@ -3,11 +3,12 @@
 import dataclasses
 from typing import ClassVar
 
-from jaxobs.certificates.base import AbstractCertificate, FloatMatrix
+from jaxobs.certificates._model import AbstractUncertainError
+from jaxobs.certificates.base import FloatMatrix
 
 
 @dataclasses.dataclass(frozen=True)
-class Regional(AbstractCertificate):
+class Regional(AbstractUncertainError):
     """For e' = F(rho) e with lower <= rho <= upper as long as x and xhat = x - e both lie in B = {outer_lower <= H x <=
     outer_upper}, H = faces, and a state that stays in S = {inner_lower <= H x <= inner_upper}: with the half-widths
 
@@ -25,13 +26,6 @@ class Regional(AbstractCertificate):
     al., Linear Matrix Inequalities in System and Control Theory, 1994, section 5.1 (invariant ellipsoids in polytopes).
     """
 
-    a: FloatMatrix
-    b: FloatMatrix
-    c: FloatMatrix
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
-    output: FloatMatrix
-    gain: FloatMatrix
     p: FloatMatrix
     rate: float
     faces: FloatMatrix
@@ -41,11 +35,4 @@ class Regional(AbstractCertificate):
     outer_upper: tuple[float, ...]
     level: float
     radius: float
-    origin: str = "given"
-    tied: tuple[int, ...] = ()
-    inner: FloatMatrix = ()
-    left: FloatMatrix = ()
-    right: FloatMatrix = ()
-    tau: float = 0.0
-    taus: tuple[float, ...] = ()
     theorem: ClassVar[str] = "regional"

@@ -3,11 +3,12 @@
 import dataclasses
 from typing import ClassVar
 
-from jaxobs.certificates.base import AbstractCertificate, FloatMatrix
+from jaxobs.certificates._model import AbstractError
+from jaxobs.certificates.base import FloatMatrix
 
 
 @dataclasses.dataclass(frozen=True)
-class Sampled(AbstractCertificate):
+class Sampled(AbstractError):
     """For e' = A(rho) e - G(rho) C e(t_k), t_k <= t < t_{k+1}, with 0 < t_{k+1} - t_k <= delta, C = output,
 
         A(rho) = a + sum_k rho_k b_k c_k',    G(rho) = gain + sum_k rho_k b_k inner_k,    F = A - G C:
@@ -31,25 +32,15 @@ class Sampled(AbstractCertificate):
     p (n, n), w (p, p), delta [s], rate [1/s] >= 0; else as in Corners.
     """
 
-    a: FloatMatrix
-    b: FloatMatrix
-    c: FloatMatrix
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
-    output: FloatMatrix
-    gain: FloatMatrix
     p: FloatMatrix
     w: FloatMatrix
     delta: float
     rate: float
-    origin: str = "given"
-    tied: tuple[int, ...] = ()
-    inner: FloatMatrix = ()
     theorem: ClassVar[str] = "sampled"
 
 
 @dataclasses.dataclass(frozen=True)
-class SampledTube(AbstractCertificate):
+class SampledTube(AbstractError):
     """For the error dynamics of Sampled, M(rho) = [F, G; C F, C G] of (e, v), v = C (e - e(t_k)), and a tube of ellipsoids
 
         Q(tau) = sum_i binom(K, i) (tau / delta)^i (1 - tau / delta)^{K-i} Q_i,    Q_0 = diag(start, 0):
@@ -69,18 +60,8 @@ class SampledTube(AbstractCertificate):
     differential equations; the Bernstein form, Farouki, Computer Aided Geometric Design 29 (2012) 379-419.
     """
 
-    a: FloatMatrix
-    b: FloatMatrix
-    c: FloatMatrix
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
-    output: FloatMatrix
-    gain: FloatMatrix
     start: FloatMatrix
     tube: FloatMatrix
     delta: float
     rate: float
-    origin: str = "given"
-    tied: tuple[int, ...] = ()
-    inner: FloatMatrix = ()
     theorem: ClassVar[str] = "sampled-tube"

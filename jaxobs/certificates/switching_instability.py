@@ -3,11 +3,12 @@
 import dataclasses
 from typing import ClassVar
 
-from jaxobs.certificates.base import AbstractCertificate, FloatMatrix
+from jaxobs.certificates._model import AbstractModel
+from jaxobs.certificates.base import FloatMatrix
 
 
 @dataclasses.dataclass(frozen=True)
-class SwitchingInstability(AbstractCertificate):
+class SwitchingInstability(AbstractModel):
     """For e' = F(rho) e with F(rho) = a + sum_k rho_k b_k c_k' - L output, and M = e^{F_N t_N} ... e^{F_1 t_1} over one period
     of the stored switching (step = 1: e+ = F(rho) e and M = F_N ... F_1),
 
@@ -21,17 +22,10 @@ class SwitchingInstability(AbstractCertificate):
     are lost to rounding; () for none.
     """
 
-    a: FloatMatrix
-    b: FloatMatrix
-    c: FloatMatrix
-    output: FloatMatrix
     gain: FloatMatrix
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
     points: FloatMatrix
     durations: tuple[float, ...]
     repeats: int = 1
     step: int = 0
-    tied: tuple[int, ...] = ()
     scale: tuple[int, ...] = ()
     theorem: ClassVar[str] = "switching-instability"

@@ -3,11 +3,11 @@
 import dataclasses
 from typing import ClassVar
 
-from jaxobs.certificates.base import AbstractCertificate, FloatMatrix
+from jaxobs.certificates._model import AbstractModel
 
 
 @dataclasses.dataclass(frozen=True)
-class Undetectability(AbstractCertificate):
+class Undetectability(AbstractModel):
     """At the constant rho, A = a + sum_k rho_k b_k c_k' maps the subspace {v: output A^k v = 0 for all k} into itself, where
 
         A has an eigenvalue with Re s >= -rate      (step = 1: |z| >= rate),
@@ -18,14 +18,7 @@ class Undetectability(AbstractCertificate):
     is found by elimination, its eigenvalues are counted by Routh's scheme. Source: Hautus, Indagationes Mathematicae 32 (1970).
     """
 
-    a: FloatMatrix
-    b: FloatMatrix
-    c: FloatMatrix
-    output: FloatMatrix
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
     rho: tuple[float, ...]
     rate: float = 0.0
     step: int = 0
-    tied: tuple[int, ...] = ()
     theorem: ClassVar[str] = "undetectable"

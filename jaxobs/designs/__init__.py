@@ -52,6 +52,7 @@ from jaxobs.designs.norm_bounded import NormBounded as NormBounded
 from jaxobs.designs.objectives import H2 as H2
 from jaxobs.designs.objectives import L2 as L2
 from jaxobs.designs.objectives import Gain as Gain
+from jaxobs.designs.polytope import Polytope as Polytope
 from jaxobs.designs.proved_channels import proved_channels as proved_channels
 from jaxobs.designs.proved_channels import saturated as saturated
 from jaxobs.designs.regional import half_widths as half_widths

@@ -11,6 +11,7 @@ from jaxobs._module import Numbers, refuse
 from jaxobs.certificates import exact
 from jaxobs.designs.infeasible import Infeasible
 from jaxobs.designs.norm_bounded import NormBounded
+from jaxobs.designs.polytope import as_tuples
 
 LARGEST_GAIN = 1e6
 
@@ -58,11 +59,6 @@ def metric(owner: str, alphas: np.ndarray) -> np.ndarray:
     return np.asarray(exact.chain_riccati(given), float)
 
 
-def as_rows(x: np.ndarray) -> tuple[tuple[float, ...], ...]:
-    """A matrix as a certificate stores it."""
-    return tuple(tuple(float(entry) for entry in row) for row in x)
-
-
 def chain_error(gain: np.ndarray, *, slope: NormBounded | None = None, q: int = 0, dt: float | None = None) -> dict[str, Any]:
     """The fields of a Corners certificate for e' = (A - L C + M Delta N) e behind q integrators; with dt those of StepCorners,
     for e+ = (I + dt A - L C + dt M Delta N) e, dt M rounded away from zero."""
@@ -74,4 +70,4 @@ def chain_error(gain: np.ndarray, *, slope: NormBounded | None = None, q: int = 
         m, n = slope.behind(q)
         fields["left"] = m if dt is None else np.where(m == 0, 0.0, np.nextafter(dt * m, np.copysign(np.inf, m)))
         fields["right"] = n
-    return {name: as_rows(value) for name, value in fields.items()} | {"lower": (), "upper": ()}
+    return {name: as_tuples(value) for name, value in fields.items()} | {"lower": (), "upper": ()}

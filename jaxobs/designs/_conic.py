@@ -61,6 +61,7 @@ def constant(value: np.ndarray, like: Affine) -> Affine:
 
 
 def transpose(a: Affine) -> Affine:
+    """a'."""
     return np.swapaxes(a, -1, -2)
 
 
@@ -70,6 +71,7 @@ def sym(a: Affine) -> Affine:
 
 
 def trace(a: Affine) -> Affine:
+    """The sum of the diagonal, for each matrix of a stack."""
     return np.trace(a, axis1=-2, axis2=-1)
 
 
@@ -80,7 +82,15 @@ def block(rows: Sequence[Sequence[Affine]]) -> Affine:
     return np.concatenate([np.concatenate(row, -1) for row in wide], -2)
 
 
+def triangle(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(rows, columns, weights) of the entries of a symmetric matrix that the solver wants: the upper triangle by columns, those
+    off the diagonal times sqrt(2), so that lengths are kept."""
+    columns, rows = np.tril_indices(size)
+    return rows, columns, np.where(rows == columns, 1.0, np.sqrt(2.0))
+
+
 def value(a: Affine, x: np.ndarray) -> np.ndarray:
+    """The matrix at x (m,)."""
     return np.asarray(a[0] + np.tensordot(x, a[1:], 1))
 
 
@@ -99,8 +109,7 @@ def minimise(
         kinds.append(clarabel.SecondOrderConeT(cone.shape[1]))
     for matrix in matrices:
         size = matrix.shape[-1]
-        columns, rows = np.tril_indices(size)  # the upper triangle, column by column
-        weights = np.where(rows == columns, 1.0, np.sqrt(2.0))
+        rows, columns, weights = triangle(size)
         entries = (matrix[..., rows, columns] * weights).reshape(m + 1, -1)
         slopes.append(-entries[1:].T)
         offsets.append(entries[0])

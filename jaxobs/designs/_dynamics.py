@@ -38,6 +38,7 @@ class Dynamics:
         return self.closed + (self.model.b * self.model.parameters()[:, None, :]) @ self.seen
 
     def at_middle(self) -> np.ndarray:
+        """F(rho) in the middle of the box, (n, n)."""
         return self.closed + (self.model.b * self.middle) @ self.seen
 
     def injections(self) -> np.ndarray:
@@ -48,6 +49,7 @@ class Dynamics:
 
     @property
     def middle(self) -> np.ndarray:
+        """rho there, (r,)."""
         return (self.model.lower + self.model.upper) / 2
 
     @property
@@ -58,6 +60,7 @@ class Dynamics:
         return max(float(np.linalg.norm(parts, 2)), 1e-300)
 
     def with_gains(self, gain: np.ndarray, inner: np.ndarray | None = None) -> "Dynamics":
+        """The same under another L, and another K if one is given."""
         return dataclasses.replace(self, gain=gain, inner=self.inner if inner is None else inner)
 
     def in_coordinates(self, t: np.ndarray) -> "Dynamics":

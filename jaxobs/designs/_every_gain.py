@@ -24,43 +24,20 @@ def every_gain(model: Polytope, points: np.ndarray, *, rate: float, step: bool) 
     gone after the exact correction; None if none was found, or none that fits into floats."""
     output = exact.matrix(model.output.tolist())
     moves = [_at(model, rho) for rho in points.tolist()]
-    basis, images = kernel(output, model.n), []
+    basis, images = exact.kernel(output, model.n), []
     while basis:
         basis = [_short(row) for row in basis]
         images = [exact.product(output, exact.product(a, exact.transpose(basis))) for a in moves]
         forced = [row for k in range(model.p) if (row := _common([image[k] for image in images])) is not None]
         if not forced:
             break
-        inside = kernel(forced, len(basis))
+        inside = exact.kernel(forced, len(basis))
         basis = exact.product(inside, basis) if inside else []
     if not basis:
         return None  # some high gain does it
     z = _inside(moves, basis, images, rate, step)
     z = None if z is None else _corrected(z, images)
     return None if z is None else _floats([exact.product(exact.transpose(basis), exact.product(one, basis)) for one in z])
-
-
-def kernel(rows: exact.Matrix, n: int) -> exact.Matrix:
-    """A basis of {v: rows v = 0}, one vector a row, each with a 1 where the others have 0."""
-    work, pivots = [list(row) for row in rows], []
-    for column in range(n):
-        place = next((i for i in range(len(pivots), len(work)) if work[i][column]), None)
-        if place is None:
-            continue
-        top = len(pivots)
-        work[top], work[place] = work[place], work[top]
-        work[top] = [x / work[top][column] for x in work[top]]
-        for i, row in enumerate(work):
-            if i != top and row[column]:
-                work[i] = [x - row[column] * y for x, y in zip(row, work[top], strict=True)]
-        pivots.append(column)
-    basis = []
-    for free in (j for j in range(n) if j not in pivots):
-        vector = [Fraction(int(j == free)) for j in range(n)]
-        for i, column in enumerate(pivots):
-            vector[column] = -work[i][free]
-        basis.append(vector)
-    return basis
 
 
 def _at(model: Polytope, rho: Sequence[float]) -> exact.Matrix:
@@ -140,17 +117,8 @@ def _corrected(z: list[exact.Matrix], images: Sequence[exact.Matrix]) -> list[ex
     rest = [-sum((images[c][row][i] * z[c][i][at] for c in range(len(z)) for i in range(k)), Fraction(0)) for row, at in size]
     columns = zip(*(column(*e) for e in entries), strict=True)
     table = [[*row, r] for row, r in zip(columns, rest, strict=True)]
-    pivots: list[int] = []
-    for j in sorted(range(len(entries)), key=lambda j: sum(abs(row[j].numerator).bit_length() for row in table)):
-        top = len(pivots)
-        place = next((i for i in range(top, len(table)) if table[i][j]), None)
-        if place is None:
-            continue
-        table[top], table[place] = table[place], table[top]
-        table[top] = [x / table[top][j] for x in table[top]]
-        lead = table[top]
-        table = [r if r is lead else [x - r[j] * y for x, y in zip(r, lead, strict=True)] for r in table]
-        pivots.append(j)
+    shortest = sorted(range(len(entries)), key=lambda j: sum(abs(row[j].numerator).bit_length() for row in table))
+    table, pivots = exact.reduced(table, shortest)
     if any(row[-1] for row in table[len(pivots) :]):
         return None
     for row, j in zip(table, pivots, strict=False):

@@ -27,10 +27,12 @@ class Bounded:
     boxes: int
 
     def texts(self) -> tuple[str, ...]:
+        """Each parameter in words with its interval."""
         ends = zip(self.formulas, self.lower.tolist(), self.upper.tolist(), strict=True)
         return tuple(f"{formula} in [{low:.9g}, {high:.9g}]" for formula, low, high in ends)
 
     def constant(self) -> np.ndarray:
+        """The entries that are constant, (q, n), zeros elsewhere."""
         return _dense(self.constants, self.shape)
 
     def arrays(self) -> tuple[np.ndarray, np.ndarray, list[int]]:

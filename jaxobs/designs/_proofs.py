@@ -8,10 +8,12 @@ import numpy as np
 from jaxobs.certificates import AbstractCertificate, Corners, H2Level, L2Level
 from jaxobs.designs._descent import Point
 from jaxobs.designs._dynamics import Dynamics, centred
+from jaxobs.designs._injected import Injected
 from jaxobs.designs._levels import Level, least
 from jaxobs.designs._rates import Proof, fastest
 from jaxobs.designs.covers import cover_of
 from jaxobs.designs.infeasible import Infeasible
+from jaxobs.designs.polytope import as_tuples
 
 ROOM = (1e-9, 1e-7, 1e-5, 1e-3)  # by which a level is raised so that it holds in exact arithmetic, relative
 
@@ -50,14 +52,10 @@ def _levels(d: Dynamics, level: Level, cover: str):
 
 
 def _box(proof: Proof, rate: float, cover: str, origin: str) -> dict[str, Any]:
-    own = proof.d.model
-    fields: dict[str, Any] = {name: tuples(getattr(own, name)) for name in ("a", "b", "c", "lower", "upper", "output")}
-    fields |= {"gain": tuples(proof.d.gain), "p": tuples(unit_size(proof.p)[0]), "rate": float(rate), "origin": origin}
-    fields |= {"tied": own.tied if len(set(own.tied)) < own.r else ()}
-    if np.any(proof.d.inner):
-        fields["inner"] = tuples(proof.d.inner)
+    d, (p, size) = proof.d, unit_size(proof.p)
+    fields = Injected(d.model, d.gain, d.inner).fields() | {"p": as_tuples(p), "rate": float(rate), "origin": origin}
     if cover == "multiplier":
-        fields["taus"] = tuples(np.diagonal(proof.tau) / unit_size(proof.p)[1])
+        fields["taus"] = as_tuples(np.diagonal(proof.tau) / size)
     return fields
 
 
@@ -67,19 +65,19 @@ def _corners(proof: Proof, rate: float, cover: str, origin: str) -> Corners:
 
 def _certificate(proof: Proof, rate: float, level: Level, room: float, cover: str, origin: str) -> H2Level | L2Level:
     d, fields = proof.d, _box(proof, rate, cover, origin)
-    fields |= {name: tuples(getattr(d, name)) for name in ("weight", "process", "noise")}
+    fields |= {name: as_tuples(getattr(d, name)) for name in ("weight", "process", "noise")}
     q = (1 + room) * level.q
     if level.form == "covariance":
         t = centred(level.q)
         x = (1 + room) * (t @ t.T)
         bound = np.sum((d.weight @ x) * d.weight)
-        return H2Level(**fields, x=tuples((x + x.T) / 2), level=above(bound))
+        return H2Level(**fields, x=as_tuples((x + x.T) / 2), level=above(bound))
     if cover == "multiplier":
-        fields["taus_q"] = tuples(np.diagonal(level.tau) * (1 + room))
+        fields["taus_q"] = as_tuples(np.diagonal(level.tau) * (1 + room))
     if level.form == "energy":
         side = np.concatenate([d.process, d.gain @ d.noise], 1)
-        return H2Level(**fields, q=tuples((q + q.T) / 2), level=above(np.sum((q @ side) * side)))
-    return L2Level(**fields, q=tuples((q + q.T) / 2), level=above(level.value * (1 + room)))
+        return H2Level(**fields, q=as_tuples((q + q.T) / 2), level=above(np.sum((q @ side) * side)))
+    return L2Level(**fields, q=as_tuples((q + q.T) / 2), level=above(level.value * (1 + room)))
 
 
 def above(x: float) -> float:
@@ -91,9 +89,3 @@ def unit_size(p: np.ndarray) -> tuple[np.ndarray, float]:
     """P of size one, divided by a power of two, and that power."""
     size = 2.0 ** np.round(np.log2(np.max(np.abs(p))))
     return (p + p.T) / 2 / size, float(size)
-
-
-def tuples(array: np.ndarray) -> tuple[Any, ...]:
-    """As certificates store it."""
-    array = np.asarray(array)
-    return tuple(map(tuples, array)) if array.ndim > 1 else tuple(float(x) for x in array)

@@ -26,10 +26,6 @@ class System:
     names: tuple[str, ...]
     step: bool
 
-    def of(self, function: Callable[..., Any]) -> Callable[..., Any]:
-        """(x, w) -> function(x, f(x, w)), for rates of change along the system."""
-        return lambda x, w: function(x, self.f(x, w))
-
 
 def system(owner: str, f: Any, inputs: Any = None) -> System:
     """A plant, its inputs u in inputs = (lower, upper), its time anything; or a function f(x), or f(x, u) with inputs given."""

@@ -7,6 +7,7 @@ import numpy as np
 from jaxobs.certificates import HighGainLmi, NoHighGainLmi
 from jaxobs.designs import sdp
 from jaxobs.designs.chain_lmi import corners, dominating, error_matrices, gain_constant, largest_lambda, scaled_gain
+from jaxobs.designs.polytope import as_tuples
 
 
 def certify(
@@ -22,14 +23,14 @@ def certify(
     own = gain_constant(pairs, j0, theta) if constant is None else float(constant)
     for slack in (1e-10, 1e-8, 1e-6, 1e-4):  # witnesses a little inside the float ones
         certificate = HighGainLmi(
-            gain=tuple(float(x) for x in np.ravel(gain)),
+            gain=as_tuples(np.ravel(gain)),
             theta=float(theta),
             sigma=float(sigma),
             j0=j0,
-            lower=tuple(map(float, pairs[:, 0])),
-            upper=tuple(map(float, pairs[:, 1])),
+            lower=as_tuples(pairs[:, 0]),
+            upper=as_tuples(pairs[:, 1]),
             constant=own,
-            p=tuple(tuple(map(float, row)) for row in reach.p),
+            p=as_tuples(reach.p),
             lam=reach.attained * (1 - slack),
             nu=1.0 + slack,
         )
@@ -58,14 +59,14 @@ def refute(bounds: Any, j0: int, theta: float, *, gain: Any = None, constant: fl
             else np.zeros((n, n))
         )
         certificate = NoHighGainLmi(
-            gain=() if k is None else tuple(map(float, k)),
+            gain=() if k is None else as_tuples(k),
             theta=float(theta),
             j0=j0,
-            lower=tuple(map(float, pairs[:, 0])),
-            upper=tuple(map(float, pairs[:, 1])),
+            lower=as_tuples(pairs[:, 0]),
+            upper=as_tuples(pairs[:, 1]),
             constant=own,
-            multipliers=tuple(tuple(map(float, row)) for one in (x + x.transpose(0, 2, 1)) / 2 for row in one),
-            w=tuple(tuple(map(float, row)) for row in (w + w.T) / 2),
+            multipliers=as_tuples(np.concatenate((x + x.transpose(0, 2, 1)) / 2)),
+            w=as_tuples((w + w.T) / 2),
         )
         if certificate.verify():
             return certificate

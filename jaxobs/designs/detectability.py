@@ -12,7 +12,6 @@ import numpy as np
 import scipy.optimize
 
 from jaxobs.certificates import Undetectability, exact, routh
-from jaxobs.designs._every_gain import kernel
 from jaxobs.designs._frame import frame
 from jaxobs.designs.polytope import Polytope
 
@@ -107,7 +106,7 @@ def _tested(model: Polytope, rho: tuple[Fraction, ...], limit: float, step: bool
     for _ in range(n - 1):
         rows = exact.product(rows, a)
         stacked += rows
-    basis = kernel(stacked, n)
+    basis = exact.kernel(stacked, n)
     if not basis:
         return None
     # A N = N X: each basis vector has a 1 where the others have 0, so that X is read off there.

@@ -19,11 +19,12 @@ import numpy as np
 from jaxobs._module import Numbers, dtype_of, refuse, require_integer
 from jaxobs.certificates import StepCorners
 from jaxobs.designs import sdp
-from jaxobs.designs._chain_gain import as_rows, chain_error, metric, require_alphas, require_positive, warn_large_gain
+from jaxobs.designs._chain_gain import chain_error, metric, require_alphas, require_positive, warn_large_gain
 from jaxobs.designs._euler_lmi import Coordinates, attempt
 from jaxobs.designs._multiplier import best_multiplier
 from jaxobs.designs.infeasible import Infeasible
 from jaxobs.designs.norm_bounded import NormBounded, require_plant
+from jaxobs.designs.polytope import as_tuples
 from jaxobs.integrators import Euler
 from jaxobs.observers import StepIntegral, StepLuenberger
 from jaxobs.plants import AbstractChain, Discretised
@@ -208,7 +209,7 @@ def _proved(name, plant, gain, dt, slope, q, x, epsilon, factor) -> tuple[StepOb
     carried = np.asarray(gain, float)
     origin = f"{slope.origin}; F is the error of the Euler model with dt = {float(period)!r}, not of the plant itself"
     fields = chain_error(carried, slope=slope, q=q, dt=float(period))
-    certificate = StepCorners(**fields, p=as_rows(x), tau=float(epsilon), factor=float(factor), origin=origin)
+    certificate = StepCorners(**fields, p=as_tuples(x), tau=float(epsilon), factor=float(factor), origin=origin)
     if not certificate.verify():
         return None
     warn_large_gain(name, carried)

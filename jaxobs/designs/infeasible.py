@@ -22,9 +22,7 @@ class Infeasible(ValueError):
         tried: tuple[str, ...] = (),
         certificate: Any = None,
     ):
-        super().__init__(
-            reason, margin, change, smallest_gamma, best, tried, certificate
-        )  # an exception is rebuilt from its args
+        super().__init__(reason, margin, change, smallest_gamma, best, tried, certificate)  # it is rebuilt from its args
         self.reason, self.margin, self.change, self.smallest_gamma = reason, margin, change, smallest_gamma
         self.best, self.tried, self.certificate = best, tried, certificate
 

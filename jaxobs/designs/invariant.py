@@ -79,16 +79,12 @@ class Invariant(AbstractSet):
                 face = Interval(*(_fixed(side, i, end[i]) for side in (self.lower, self.upper)))
                 found = is_negative(lambda x: level - v(x), face, max_boxes=self.max_boxes)
                 yield f"V > {level:.6g} where x{i + 1} = {end[i]:.6g}", found
-        yield (
-            f"V' < 0 where V = {level:.6g}",
-            is_negative(
-                lambda z: along(v, made, n)(z), Interval(low, high), on=lambda z: v(z[:n]) - level, max_boxes=self.max_boxes
-            ),
-        )
+        falls = is_negative(along(v, made, n), Interval(low, high), on=lambda z: v(z[:n]) - level, max_boxes=self.max_boxes)
+        yield f"V' < 0 where V = {level:.6g}", falls
 
 
 def along(v: Callable[[Any], Any], made: System, n: int) -> Callable[[Any], Any]:
-    """(x, w) -> V' = grad V(x) f(x, w)."""
+    """z = (x, w) -> V' = grad V(x) f(x, w)."""
     return lambda z: jax.jvp(v, (z[:n],), (made.f(z[:n], z[n:]),))[1]
 
 

@@ -10,7 +10,7 @@ import scipy.linalg
 from jaxobs._module import Numbers, refuse, require_integer
 from jaxobs.certificates import AbstractCertificate, Corners
 from jaxobs.designs import corner_lmi, sdp
-from jaxobs.designs._chain_gain import LargeGain, as_rows, chain_error, require_alphas, require_positive
+from jaxobs.designs._chain_gain import LargeGain, chain_error, require_alphas, require_positive
 from jaxobs.designs.infeasible import Infeasible
 from jaxobs.designs.norm_bounded import (
     NormBounded,
@@ -19,7 +19,7 @@ from jaxobs.designs.norm_bounded import (
     require_plant,
     require_state_numbers,
 )
-from jaxobs.designs.polytope import Polytope
+from jaxobs.designs.polytope import Polytope, as_tuples
 from jaxobs.designs.riccati import riccati, riccati_gamma
 from jaxobs.designs.s_lemma import DEFAULT_EXCESS, s_lemma, s_lemma_gamma, s_lemma_riccati, s_lemma_riccati_gamma
 from jaxobs.plants import AbstractChain
@@ -184,7 +184,7 @@ def _output_injection(plant, a, states, gamma, q) -> Rung:
     s = scale ** -np.arange(size, dtype=float)
     gain = a * scale ** np.arange(1.0, size + 1)
     origin = "none needed: phi knows y alone and is evaluated at the measured y, so that the error is linear"
-    certificate = Corners(**chain_error(gain), p=as_rows((x + x.T) / 2 * np.outer(s, s)), rate=0.0, origin=origin)
+    certificate = Corners(**chain_error(gain), p=as_tuples((x + x.T) / 2 * np.outer(s, s)), rate=0.0, origin=origin)
     return Rung(name, needs, 0.0, scale, certificate) if certificate.verify() else Rung(name, needs, 0.0, None, None)
 
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 import itertools
-from typing import Any
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from jaxobs._module import Numbers, refuse
 from jaxobs.certificates import Corners
 from jaxobs.designs import corner_lmi
 from jaxobs.designs.infeasible import Infeasible
-from jaxobs.designs.polytope import Polytope
+from jaxobs.designs.polytope import Polytope, as_tuples
 
 EXCESS = 1.1  # of the first gain over the one at which an inequality of the construction becomes singular
 
@@ -60,8 +59,7 @@ def lemma1(lower: Numbers, upper: Numbers, *, rate: float | None = None) -> Lemm
         gain, certificate = _by_construction(model, wanted)
     assert isinstance(certificate, Corners)
     k, p = gain[:, 0] / d, np.asarray(certificate.p) * np.outer(d, d)
-    own: dict[str, Any] = chain_model(low, high).fields()
-    carried = Corners(**own, gain=as_tuples(k[:, None]), p=as_tuples(p), rate=wanted)
+    carried = Corners(**chain_model(low, high).fields(), gain=as_tuples(k[:, None]), p=as_tuples(p), rate=wanted)
     return Lemma1(k, p, d, carried if carried.verify() else certificate)
 
 
@@ -116,10 +114,8 @@ def constructed(lower: np.ndarray, upper: np.ndarray, rate: float) -> tuple[np.n
 
 def _by_construction(model: Polytope, rate: float) -> tuple[np.ndarray, Corners]:
     gain, p = constructed(model.lower, model.upper, rate)
-    fields = {name: as_tuples(getattr(model, name)) for name in ("a", "b", "c", "lower", "upper", "output")}
-    certificate = Corners(
-        **fields, gain=as_tuples(gain[:, None]), p=as_tuples(p), rate=rate, origin="given, in coordinates of unit couplings"
-    )
+    origin = "given, in coordinates of unit couplings"
+    certificate = Corners(**model.fields(), gain=as_tuples(gain[:, None]), p=as_tuples(p), rate=rate, origin=origin)
     verdict = certificate.verify()
     if not verdict:
         reason = f"neither the inequalities nor the construction of lemma 1 pass the exact check ({verdict.why})"
@@ -134,8 +130,3 @@ def bounds_of(lower: Numbers, upper: Numbers) -> tuple[np.ndarray, np.ndarray]:
         fix = "One pair for each coupling a_1, ..., a_{n-1}."
         raise refuse("triangular", "couplings", f"{low.tolist()} to {high.tolist()}", "finite pairs, lowest <= highest", fix)
     return low, high
-
-
-def as_tuples(array: np.ndarray) -> Any:
-    """An array of one axis or more as nested tuples of floats, the form that a certificate stores."""
-    return tuple(as_tuples(row) if np.ndim(row) else float(row) for row in array)

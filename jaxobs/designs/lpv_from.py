@@ -96,10 +96,12 @@ def lpv_from(
 
 
 def as_set(box: Any) -> AbstractSet:
+    """The set that was given, or the box of a pair (lower, upper)."""
     return box if isinstance(box, AbstractSet) else Box(*box)
 
 
 def way_of(owner: str, channels: str) -> Any:
+    """By name; ValueError for another one."""
     if channels not in WAYS:
         fix = "'auto' finds what the entries share; 'entries' does not look."
         raise refuse(owner, "channels", repr(channels), f"one of {sorted(WAYS)}", fix)
@@ -117,6 +119,7 @@ def derivative(made: System, n: int, t: np.ndarray | None = None) -> graph.Formu
 
 
 def require_proof(owner: str, domain: AbstractSet) -> None:
+    """ValueError for a set whose proof, repeated here, fails."""
     verdict = domain.verify()
     if not verdict:
         fix = "Choose another level or box; without a proof Box(lower, upper) states it as an assumption."
@@ -124,6 +127,7 @@ def require_proof(owner: str, domain: AbstractSet) -> None:
 
 
 def require_bounded(owner: str, found: Bounded, domain: AbstractSet, made: System) -> None:
+    """ValueError, with its formula, for the first parameter that nothing bounds."""
     free = np.flatnonzero(~(np.isfinite(found.lower) & np.isfinite(found.upper)))
     if not free.size:
         return

@@ -105,7 +105,7 @@ class _Ray:
         if not solved.values:
             return None
         t = float(solved.values["t"]) if self.radius is not None else None
-        x = np.stack([_positive(solved.values[f"x{k}"]) for k in range(len(g))])
+        x = np.stack([sdp.positive_part(solved.values[f"x{k}"]) for k in range(len(g))])
         inside = float(np.linalg.eigvalsh(self.total(g, x, t))[0])
         if inside < INTERIOR:
             return None
@@ -128,11 +128,6 @@ class _Ray:
         h = np.sum(x, axis=0) @ (self.model.output * self.scales / self.unit).T
         r = np.diag((self.radius * self.unit / self.speed / self.scales) ** 2)
         return np.block([[s - t * r, h], [h.T, t * np.eye(len(h.T))]])
-
-
-def _positive(x: np.ndarray) -> np.ndarray:
-    values, vectors = np.linalg.eigh((x + x.T) / 2)
-    return (vectors * np.maximum(values, 0)) @ vectors.T
 
 
 def _rounded(x: np.ndarray, small: float) -> np.ndarray:

@@ -116,5 +116,5 @@ class Polytope:
 
 
 def as_tuples(array: np.ndarray) -> tuple[Any, ...]:
-    """Nested tuples of floats, as certificates store arrays."""
+    """Nested tuples of floats, as certificates store arrays of one axis or more."""
     return tuple(map(as_tuples, array)) if array.ndim > 1 else tuple(float(x) for x in array)

@@ -58,9 +58,8 @@ def regional(
         raise refuse(
             "regional", "inner", small.tolist(), "finite sides where outer has an end", "Bound the state on both sides."
         )
-    large = np.where(
-        np.isfinite(large), large, small + np.array([[-2.0], [2.0]]) * widths
-    )  # a smaller B, of which no more is asked
+    bounded = small + np.array([[-2.0], [2.0]]) * widths  # a smaller B, of which no more is asked
+    large = np.where(np.isfinite(large), large, bounded)
     proof = corner_lmi.prove(system.seen, system.gain, rate=rate, origin=origin)
     assert isinstance(proof, Corners)
     t = np.linalg.inv(np.linalg.cholesky(np.asarray(proof.p))).T

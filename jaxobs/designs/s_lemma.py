@@ -17,11 +17,12 @@ import scipy.linalg
 
 from jaxobs._module import Numbers, dtype_of, refuse
 from jaxobs.certificates import Corners
-from jaxobs.designs._chain_gain import as_rows, chain_error, metric, require_alphas, require_positive, warn_large_gain
+from jaxobs.designs._chain_gain import chain_error, metric, require_alphas, require_positive, warn_large_gain
 from jaxobs.designs._euler_lmi import Coordinates
 from jaxobs.designs._multiplier import best_multiplier
 from jaxobs.designs.infeasible import Infeasible
 from jaxobs.designs.norm_bounded import NormBounded, require_plant
+from jaxobs.designs.polytope import as_tuples
 from jaxobs.observers import HighGain, IntegralHighGain
 from jaxobs.plants import AbstractChain
 
@@ -99,7 +100,7 @@ def _designed(name, plant, alphas, slope, gamma, q, rate):
     for found in _solutions(name, np.asarray(coefficients, float), float(scale), slope, q, rate):
         x, tau = found
         certificate = Corners(
-            **chain_error(gain, slope=slope, q=q), p=as_rows(x), tau=float(tau), rate=float(rate), origin=slope.origin
+            **chain_error(gain, slope=slope, q=q), p=as_tuples(x), tau=float(tau), rate=float(rate), origin=slope.origin
         )
         if certificate.verify():
             warn_large_gain(name, gain)

@@ -14,15 +14,14 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import clarabel
 import cvxpy as cp
 import numpy as np
 import scipy.linalg
 import scipy.sparse
 
 from jaxobs._module import refuse
+from jaxobs.designs._conic import clarabel, triangle
 
-SOLVER: Any = clarabel  # compiled, without types
 ITERATIONS = 80  # of the solver: what takes longer does not converge
 ROUNDING = 1e-10  # a bound this close to zero decides nothing
 REFINEMENTS = 30  # alternating projections of the duals
@@ -182,19 +181,18 @@ def _propose(program, objective, reach, first: bool) -> tuple[np.ndarray | None,
 def _clarabel(program, objective, reach) -> tuple[np.ndarray | None, list[np.ndarray]]:
     """Without a modelling language, which takes longer than the solution."""
     size, box = len(objective), np.diag(1 / reach)
-    slopes, offsets, kinds = [box, -box], [np.ones(2 * size)], [SOLVER.NonnegativeConeT(2 * size)]
+    slopes, offsets, kinds = [box, -box], [np.ones(2 * size)], [clarabel.NonnegativeConeT(2 * size)]
     triangles = []
     for first, part in zip(*program, strict=True):
-        columns, rows = np.tril_indices(len(first))  # the upper triangle, column by column
-        weights = np.where(rows == columns, 1.0, np.sqrt(2.0))
+        rows, columns, weights = triangle(len(first))
         triangles.append((rows, columns, weights))
         slopes.append(-(part[:, rows, columns] * weights).T)
         offsets.append(first[rows, columns] * weights)
-        kinds.append(SOLVER.PSDTriangleConeT(len(first)))
-    settings = SOLVER.DefaultSettings()
+        kinds.append(clarabel.PSDTriangleConeT(len(first)))
+    settings = clarabel.DefaultSettings()
     settings.verbose, settings.max_iter = False, ITERATIONS
     matrix, quadratic = scipy.sparse.csc_matrix(np.concatenate(slopes)), scipy.sparse.csc_matrix((size, size))
-    solver = SOLVER.DefaultSolver(quadratic, -np.asarray(objective, float), matrix, np.concatenate(offsets), kinds, settings)
+    solver = clarabel.DefaultSolver(quadratic, -np.asarray(objective, float), matrix, np.concatenate(offsets), kinds, settings)
     found = solver.solve()
     x, z = np.array(found.x), np.array(found.z)[2 * size :]
     if not (np.all(np.isfinite(x)) and np.all(np.isfinite(z))):
@@ -203,7 +201,7 @@ def _clarabel(program, objective, reach) -> tuple[np.ndarray | None, list[np.nda
     for (first, _), (rows, columns, weights) in zip(zip(*program, strict=True), triangles, strict=True):
         dual = np.zeros_like(first)
         dual[rows, columns] = dual[columns, rows] = z[: len(rows)] / weights
-        duals.append(_positive_part(dual))
+        duals.append(positive_part(dual))
         z = z[len(rows) :]
     return x, duals
 
@@ -224,7 +222,7 @@ def _scs(program, objective, reach) -> tuple[np.ndarray | None, list[np.ndarray]
             return None, []
     if x.value is None or not np.all(np.isfinite(x.value)):
         return None, []
-    return np.asarray(x.value), [_positive_part(cone.dual_value) for cone in cones]
+    return np.asarray(x.value), [positive_part(cone.dual_value) for cone in cones]
 
 
 def _refined(program, objective, duals) -> list[np.ndarray]:
@@ -235,7 +233,7 @@ def _refined(program, objective, duals) -> list[np.ndarray]:
     for _ in range(REFINEMENTS):
         flat = np.concatenate([z.reshape(-1) for z in duals])
         parts = np.split(flat - pseudo @ (objective + rows @ flat), ends)
-        duals = [_positive_part(part.reshape(shape)) for part, shape in zip(parts, shapes, strict=True)]
+        duals = [positive_part(part.reshape(shape)) for part, shape in zip(parts, shapes, strict=True)]
     return duals
 
 
@@ -246,7 +244,8 @@ def _bound(program, objective, reach, duals) -> float:
     return float(sum(np.sum(first * z) for first, z in zip(constant, duals, strict=True)) + reach @ np.abs(residual))
 
 
-def _positive_part(z: np.ndarray) -> np.ndarray:
+def positive_part(z: np.ndarray) -> np.ndarray:
+    """The nearest matrix >= 0 (n, n)."""
     values, vectors = np.linalg.eigh((z + z.T) / 2)
     return (vectors * np.maximum(values, 0)) @ vectors.T
 

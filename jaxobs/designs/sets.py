@@ -12,12 +12,12 @@ A set holds bounds on x alone; where the estimate is follows from the observer: 
 
 import abc
 import dataclasses
-from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from jaxobs._module import refuse
+from jaxobs.certificates import exact
 from jaxobs.certificates.base import Verdict
 from jaxobs.designs._system import system
 from jaxobs.intervals import Interval
@@ -69,10 +69,12 @@ class AbstractSet(abc.ABC):
 
     @property
     def bounded(self) -> bool:
+        """Whether the set has an end at all."""
         return bool(np.any(np.isfinite(self.lower) | np.isfinite(self.upper)))
 
     @property
     def box(self) -> str:
+        """The finite sides in words, every digit."""
         ends = enumerate(zip(self.lower.tolist(), self.upper.tolist(), strict=True))
         return ", ".join(f"x{i + 1} in [{a!r}, {b!r}]" for i, (a, b) in ends if (a, b) != (-np.inf, np.inf))
 
@@ -133,8 +135,7 @@ class Band(AbstractSet):
         for unit in np.eye(n)[::-1]:  # states as they are, until there are n coordinates
             if len(full) < n and np.linalg.matrix_rank(np.array([*full, unit])) > len(full):
                 full, low, high = [*full, unit], [*low, -np.inf], [*high, np.inf]
-        rows = [[Fraction(x) for x in row] for row in np.array(full).tolist()]
-        inverse = _inverse(rows)
+        inverse = exact.inverse(exact.matrix(np.array(full).tolist()))
         if inverse is None or not all(is_float(x) for row in inverse for x in row):
             fix = "Rows such as [-1, 0, 1, 0] do; scale them, or introduce coordinates."
             raise refuse(self, "rows", self.rows.tolist(), "independent rows whose inverse has float entries", fix)
@@ -215,20 +216,3 @@ def _combination(row: list[float]) -> str:
     signs = [" - " if k < 0 else " + " for k in row if k]
     words = "".join(f"{sign}{part}" for sign, part in zip(signs, parts, strict=True))
     return words.removeprefix(" + ") if words[:3] == " + " else "-" + words[3:]
-
-
-def _inverse(rows: list[list[Fraction]]) -> list[list[Fraction]] | None:
-    """By Gauss and Jordan, in fractions; None for a singular matrix."""
-    n = len(rows)
-    table = [[*row, *(Fraction(int(i == j)) for j in range(n))] for i, row in enumerate(rows)]
-    for k in range(n):
-        pivot = next((i for i in range(k, n) if table[i][k]), None)
-        if pivot is None:
-            return None
-        table[k], table[pivot] = table[pivot], table[k]
-        table[k] = [x / table[k][k] for x in table[k]]
-        for i in range(n):
-            if i != k and table[i][k]:
-                factor = table[i][k]
-                table[i] = [x - factor * y for x, y in zip(table[i], table[k], strict=True)]
-    return [row[n:] for row in table]

@@ -1,6 +1,7 @@
 """A constant gain for triangular systems that every input shows: Lemma 1, then a power of theta, then the proof."""
 
 import math
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -9,8 +10,8 @@ from jaxobs._module import Numbers, dtype_of, refuse
 from jaxobs.certificates import Corners
 from jaxobs.designs import corner_lmi
 from jaxobs.designs.infeasible import Infeasible
-from jaxobs.designs.lemma1 import as_tuples, bounds_of, lemma1
-from jaxobs.designs.polytope import Polytope
+from jaxobs.designs.lemma1 import bounds_of, lemma1
+from jaxobs.designs.polytope import Polytope, as_tuples
 from jaxobs.excitation import require_triangular
 from jaxobs.observers import Luenberger
 from jaxobs.plants import AbstractChain, AbstractTriangular
@@ -82,13 +83,14 @@ def triangular(
 
 
 def _error(low, high, slopes, gain, p, weights, theta, rate, origin) -> Corners:
-    """The claim on e' = (A(a) + N - L C) e: couplings a_i by corners, the |N_ij| <= slopes_ij, j <= i, by multipliers. In the
+    """The claim on e' = (A(a) + N - L C) e: couplings a_i by corners, the |N_ij| <= slopes_ij, j <= i, by multipliers.
 
-    coordinates eps_i = e_i / theta^i, beta_ij = slopes_ij theta^{j-i} and with weights w_ij > 0 (theorem 1 of paper 003)
+    With eps_i = e_i / theta^i, beta_ij = slopes_ij theta^{j-i} and weights w_ij > 0 theorem 1 of paper 003 asks for
 
-        -(M'P + P M) - 2 rate P - sum_{j <= i} beta_ij (w_ij p_i p_i' + e_j e_j' / w_ij) > 0:
+        -(M'P + P M) - 2 rate P - sum_{j <= i} beta_ij (w_ij p_i p_i' + e_j e_j' / w_ij) > 0,
 
-    that of Corners for T P T, T = diag(theta^-i), with tau_ij = theta^{-2i} / (beta_ij w_ij), completed to squares."""
+    which completes the square of Corners for T P T, T = diag(theta^-i), with tau_ij = theta^{-2i} / (beta_ij w_ij).
+    """
     n = len(gain)
     i, j = np.nonzero(slopes)
     t = theta ** -np.arange(1.0, n + 1)
@@ -98,7 +100,8 @@ def _error(low, high, slopes, gain, p, weights, theta, rate, origin) -> Corners:
     lower, upper = np.concatenate([low, -slopes[i, j]]), np.concatenate([high, slopes[i, j]])
     fields = {"a": np.zeros((n, n)), "b": b, "c": c, "lower": lower, "upper": upper, "output": identity[:1],
               "gain": gain[:, None], "p": p * np.outer(t, t), "taus": np.concatenate([np.zeros(n - 1), taus])}  # fmt: skip
-    return Corners(**{name: as_tuples(value) for name, value in fields.items()}, rate=float(rate), origin=origin)
+    stored: dict[str, Any] = {name: as_tuples(value) for name, value in fields.items()}
+    return Corners(**stored, rate=float(rate), origin=origin)
 
 
 def _smallest(proposed) -> float | None:

@@ -19,10 +19,8 @@ from jaxobs.designs.infeasible import Infeasible
 from jaxobs.designs.polytope import Polytope, as_tuples
 
 UP = 1 + 1e-9  # room for the exact check
-MARGIN, NEARLY = (
-    1e-7,
-    1e-6,
-)  # of the inequalities, in coordinates in which all is about one: asked for; missed, while alpha is searched
+MARGIN = 1e-7  # asked of the inequalities, in coordinates in which all is about one
+NEARLY = 1e-6  # by which it may be missed while alpha is searched
 SEARCHES = 24  # values of alpha
 SLOWEST = 1e-3  # of the largest alpha, where the search begins
 

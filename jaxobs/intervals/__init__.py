@@ -1,4 +1,7 @@
-"""Interval arithmetic over the jaxpr of a JAX function: proved enclosures of its values on a box."""
+"""Interval arithmetic over the jaxpr of a JAX function: proved enclosures of its values, and of its Jacobian, on a box.
+
+The `rules_` modules fill the table RULES when they are imported; `rule` adds one of your own.
+"""
 
 from jaxobs.intervals import rules_arithmetic as rules_arithmetic
 from jaxobs.intervals import rules_control as rules_control

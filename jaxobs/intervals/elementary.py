@@ -155,6 +155,7 @@ def tan(x: Interval) -> Interval:
 
 
 def cosh(x: Interval) -> Interval:
+    """Even, and growing with |x|."""
     near, far = x.mignitude, x.magnitude
     upper = np.where(np.isinf(far), np.inf, values("cosh", np.where(np.isinf(far), 0.0, far))[1])
     return interval(np.maximum(values("cosh", np.where(np.isinf(near), 0.0, near))[0], 1.0), upper)

@@ -119,6 +119,7 @@ def _product(a: Polynomial, b: Polynomial) -> Polynomial:
 
 
 def is_float(x: Fraction) -> bool:
+    """Whether rounding to a float changes nothing."""
     try:
         return Fraction(float(x)) == x
     except OverflowError:

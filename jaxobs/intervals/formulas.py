@@ -43,6 +43,7 @@ ZERO = Expression(Fraction(0))
 
 
 def constant(x: Any) -> Expression:
+    """A number as an expression, exactly."""
     return Expression(Fraction(x))
 
 

@@ -90,6 +90,7 @@ def _tanh(g: Graph, e: Expression, scale: Fraction = Fraction(1)) -> Expression:
 
 
 def largest(g: Graph, e: Expression, f: Expression) -> Expression:
+    """max(e, f) = -min(-e, -f)."""
     return _minus(g.least(_minus(e), _minus(f)))
 
 

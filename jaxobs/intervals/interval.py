@@ -130,6 +130,7 @@ def point(value: Any) -> Interval:
 
 
 def as_interval(value: Like) -> Interval:
+    """The interval itself, or the point of a number or array."""
     return value if isinstance(value, Interval) else point(value)
 
 
@@ -144,6 +145,7 @@ def hull(a: Interval, b: Interval) -> Interval:
 
 
 def where(condition: Truths, a: Interval, b: Interval) -> Interval:
+    """As numpy.where, for a condition that is decided."""
     return interval(np.where(condition, a.lower, b.lower), np.where(condition, a.upper, b.upper))
 
 

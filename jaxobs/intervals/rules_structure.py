@@ -10,15 +10,18 @@ from jaxobs.intervals.table import Call, rule
 
 
 def moved(move: Callable[[np.ndarray], np.ndarray], x: Interval) -> Interval:
+    """Both ends moved alike."""
     lower = move(x.lower)
     return interval(lower, lower if x.upper is x.lower else move(x.upper))
 
 
 def joined(join: Callable[..., np.ndarray], *args: Interval) -> Interval:
+    """The lower ends joined, and the upper ones."""
     return interval(join(*[x.lower for x in args]), join(*[x.upper for x in args]))
 
 
 def axes_of(value: Any) -> tuple[int, ...]:
+    """As Python integers."""
     return tuple(int(a) for a in value)
 
 

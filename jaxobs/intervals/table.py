@@ -69,12 +69,15 @@ class Call:
         return None if hasattr(variable, "val") else self.defined_by.get(variable)
 
     def jump(self, what: str) -> None:
+        """Notes that f has to be continuous where this is undecided."""
         self.notes.jumps[f"continuous where {what} is undecided on the box ({self.where})"] = None
 
     def undefined(self, what: str) -> None:
+        """Notes that f may be undefined on the box."""
         self.notes.undefined[f"{what} ({self.where})"] = None
 
     def refuse(self, what: str, fix: str) -> UnknownPrimitiveError:
+        """The error that names the equation, for the rule to raise."""
         return UnknownPrimitiveError(f"{self.where}: {what}. {fix}")
 
 
@@ -129,6 +132,7 @@ def truth(yes: Truths, no: Truths) -> Interval:
 
 
 def undecided(x: Interval) -> bool:
+    """Whether any entry is more than one number."""
     return not x.is_point
 
 

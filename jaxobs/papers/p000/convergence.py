@@ -32,7 +32,7 @@ def _():
     return Statement(verdict.holds, rate, why)
 
 
-@PAPER.claim("(5) with equality", "universal", printed="rho <= ..., equality included")
+@PAPER.claim("(5) with equality", "universal", printed="rho <= ..., equality included", long=True)
 def _():
     """At equality V' = 0 would need e1 = 0, e parallel to B, and e an eigenvector of P: but P_1n = alpha_n gamma^n > 0. The
     worst V' over all phi with (4) is a continuous function of e alone, of degree 2, hence at most -c V with one c > 0.
@@ -186,7 +186,7 @@ def _():
     return Statement(holds, found[0], why)
 
 
-@PAPER.claim("(29)", "universal", printed="P^-1/2 Q P^-1/2 > (gamma / lambda_n) I")
+@PAPER.claim("(29)", "universal", printed="P^-1/2 Q P^-1/2 > (gamma / lambda_n) I", long=True)
 def _():
     worst = min(
         float(jnp.linalg.eigvalsh(chain_bounds.normalised_weight(jnp.asarray(a), _array(g)))[0])

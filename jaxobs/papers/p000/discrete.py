@@ -13,7 +13,8 @@ from jaxobs.designs import (
     euler_riccati_period,
     euler_tied_period,
 )
-from jaxobs.designs._chain_gain import as_rows, chain_error
+from jaxobs.designs._chain_gain import chain_error
+from jaxobs.designs.polytope import as_tuples
 from jaxobs.papers.claims import Bound, Point, Statement, Value
 from jaxobs.papers.p000 import experiment
 from jaxobs.papers.p000.paper import PAPER
@@ -43,7 +44,7 @@ def riccati_gain(delta: float) -> np.ndarray:
 def euler_model(gain: np.ndarray, delta: float, x: np.ndarray, epsilon: float) -> StepCorners:
     """(62) for a gain, a period, X and epsilon, to be decided exactly."""
     fields = chain_error(gain, slope=SLOPE, dt=delta)
-    return StepCorners(**fields, p=as_rows((x + x.T) / 2), tau=epsilon, factor=1.0, origin=SLOPE.origin)
+    return StepCorners(**fields, p=as_tuples((x + x.T) / 2), tau=epsilon, factor=1.0, origin=SLOPE.origin)
 
 
 @PAPER.claim(

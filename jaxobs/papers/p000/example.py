@@ -272,7 +272,10 @@ def _sampled(gain: np.ndarray, delta: float) -> StepLuenberger:
 
 
 @PAPER.claim(
-    "sampling: bandwidth, Shannon", "universal", printed="the choice of delta also depends on the bandwidth of the states"
+    "sampling: bandwidth, Shannon",
+    "universal",
+    printed="the choice of delta also depends on the bandwidth of the states",
+    long=True,
 )
 def _():
     """(53) at gamma = 6, and (51) with the printed X for 0.525, on the pendulum itself: RMS error of x_2 over t >= 10 s."""

@@ -184,7 +184,7 @@ def _():
     return Statement(verdict.holds, rate, f"exactly, at gamma = {gamma:.5g} for C(3, k), q = 1, rho = 3/2: V' <= -{rate:.4g} V")
 
 
-@PAPER.claim("Corollary 2: decouples", "universal", printed="noise is decoupled from the observer gain")
+@PAPER.claim("Corollary 2: decouples", "universal", printed="noise is decoupled from the observer gain", long=True)
 def _():
     """In (41) w enters by B, whatever gamma is: the observers' derivative by y. And the transfer from w to xhat_1 at frequency
     0, phi left out: e' = F e + B w, from the linear system.

@@ -122,7 +122,7 @@ def _():
     return Statement(gains[-1] < 1, float(first), why)
 
 
-@PAPER.claim("noise at equal gamma", "universal", printed="the error becomes smaller and smaller with q")
+@PAPER.claim("noise at equal gamma", "universal", printed="the error becomes smaller and smaller with q", long=True)
 def _():
     found = [binomial(q) for q in ORDERS]
     ratios = [one.ratio for one in found]

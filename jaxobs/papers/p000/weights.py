@@ -204,7 +204,7 @@ def _():
     return Statement(worst < 1e-12, worst, why)
 
 
-@PAPER.claim("(20)", "identity", printed="P_ij = P~_ij gamma^{i+j-1}")
+@PAPER.claim("(20)", "identity", printed="P_ij = P~_ij gamma^{i+j-1}", long=True)
 def _():
     worst = 0.0
     for alphas in SAMPLES:
@@ -219,7 +219,7 @@ def _():
     return Statement(worst < 1e-12, worst, "largest residual of the Riccati equation, entries scaled, gamma = 0.5 and 6")
 
 
-@PAPER.claim("Gauthier 1992", "identity", printed="alpha_k = C(n, k) is the observer of Gauthier et al.")
+@PAPER.claim("Gauthier 1992", "identity", printed="alpha_k = C(n, k) is the observer of Gauthier et al.", long=True)
 def _():
     """S(theta) with theta S + A'S + S A = C'C is a metric; its gain S^-1 C' is compared."""
     theta, worst = 3.0, 0.0

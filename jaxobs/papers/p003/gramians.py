@@ -107,7 +107,7 @@ def _():
     return Statement(worst <= 1 + 1e-9, worst, "equal for a_i = 1, n = 4; smaller for a motor with a_1 = -2 - sin t")
 
 
-@PAPER.claim("proposition 1", "universal", printed="continuous and locally regular: |a_i(u(t))| >= a > 0, one sign")
+@PAPER.claim("proposition 1", "universal", printed="continuous and locally regular: |a_i(u(t))| >= a > 0, one sign", long=True)
 def _():
     regular = [name for name in INPUTS if classified(name).locally_regular and not INPUTS[name].breaks]
     lowest = min(float(classified(name).lowest[0]) for name in regular)

@@ -134,6 +134,7 @@ def kalman_floor(d):
         raise Malformed("process or noise")
     e, w, v = matrix(weight, x.n), matrix(process), matrix(noise)
     yield x.ordered and x.holds(rho)
+    yield s == s.transpose()
     side = s * x.output.transpose()
     yield positive(block([[sym(x.f(rho) * s) + w * w.transpose(), side], [side.transpose(), v * v.transpose()]]))
     yield trace(e * s * e.transpose()) >= level
