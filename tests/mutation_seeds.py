@@ -95,7 +95,8 @@ def proved(theorem, one, p, **more):
     n = len(one["a"])
     full = dict.fromkeys(("left", "right", "taus"), ()) | {"tau": 0.0, "origin": "given"} | one | {"p": p}
     if theorem in ("h2", "l2"):
-        full |= {"q": (), "x": (), "taus_q": (), "weight": np.eye(n)[-1:], "process": 0.5 * np.eye(n)[:, -1:]}
+        full |= {"x": ()} if theorem == "h2" else {}
+        full |= {"q": (), "taus_q": (), "weight": np.eye(n)[-1:], "process": 0.5 * np.eye(n)[:, -1:]}
         full |= {"noise": 0.25 * np.eye(len(one["output"]))}
     return body(theorem, **full | more)
 

@@ -22,10 +22,10 @@ def test_exponential_encloses():
     for n, time in ((2, 0.7), (3, 5.0), (4, 40.0)):
         m = RNG.normal(size=(n, n)) - 2 * np.eye(n)
         rows, radius = checker_more.exponential(checker_more.M(exact.matrix(m.tolist())), Fraction(time))
-        flint.ctx.prec = 1400
-        precise = (flint.arb_mat(n, n, m.reshape(-1).tolist()) * flint.arb(time)).exp()
-        row_sums = [sum(abs(flint.arb(rows[i][j]) * unit - precise[i, j]) for j in range(n)) for i in range(n)]
-        assert all(total <= flint.arb(radius) * unit for total in row_sums)
+        with flint.ctx.workprec(1400):
+            precise = (flint.arb_mat(n, n, m.reshape(-1).tolist()) * flint.arb(time)).exp()
+            row_sums = [sum(abs(flint.arb(rows[i][j]) * unit - precise[i, j]) for j in range(n)) for i in range(n)]
+            assert all(total <= flint.arb(radius) * unit for total in row_sums)
         assert radius < 2**70  # of 2^1024: 287 digits
 
 

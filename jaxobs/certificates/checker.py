@@ -15,9 +15,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 MOST = {"r": 64, "N": 256, "R": 50_000}  # of the dimensions named in the fields below; 12 of any other
-MOST_WORK, MOST_BYTES, SPENT = 1e13, 2**24, [0.0]  # about a minute; of a file; work done so far on one certificate
+MOST_WORK, MOST_BYTES, SPENT, THEOREMS = 1e13, 2**24, [0.0], {}  # a minute; of a file; work done so far on one certificate
 ERRORS = (ArithmeticError, LookupError, RecursionError, TypeError, ValueError, AttributeError)  # of a malformed certificate
-THEOREMS = {}
 
 class Refused(Exception):
     """Why the claim does not follow from what is stored."""
@@ -117,7 +116,7 @@ def decrease(d, p, load, taus=(), factor=None, more=None):
 # Fields: matrices (p=n,n), vectors (tau=r), numbers (rate=), which may be left empty if marked ?; integers, text.
 BOX = "a=n,n b=n,r c=r,n output=p,n gain=n,p lower=r upper=r tied:ints "
 FULL = BOX + "inner=r,p? left=n,u? right=v,n? tau= taus=r? origin:str p=n,n "
-NOISY = FULL + "rate= q=n,n? x=n,n? taus_q=r? weight=s,n process=n,m noise=p,k level= "
+NOISY = FULL + "rate= q=n,n? taus_q=r? weight=s,n process=n,m noise=p,k level= "
 MODEL = ("{moves} = F(rho) e is the error of the observer, F = a + sum_k rho_k b_k (c_k - inner_k output) - gain output (+ "
          "left Delta right, |Delta| <= 1, if given), rho_k equal for equal numbers in tied = {tied}", "gains are real numbers, "
          "carried out without rounding", "rho stays within the stored bounds at all times (bounds: {origin!r})")
@@ -143,8 +142,9 @@ def step_corners(d):
 
 NOISE = "for inputs process w - (gain + b diag(rho) inner) noise v "
 
-@theorem("h2", NOISY, "the error decays at least like exp(-{rate} t), and " + NOISE + "of unit white noise the mean over time "
-         "of |weight e|^2 is at most {level}" + BOXED, (*MODEL, "where q = {q} is empty: rho(t) does not depend on the noise"))
+@theorem("h2", NOISY + "x=n,n?", "the error decays at least like exp(-{rate} t), and " + NOISE + "of unit white noise the "
+         "mean over time of |weight e|^2 is at most {level}" + BOXED, (*MODEL, "where q = {q} is empty: rho(t) does not "
+         "depend on the noise"))
 def h2(d):
     yield from corners(d)
     inputs = lambda rho: block([d.process, -1 * (injected(d, rho) @ d.noise)])

@@ -27,6 +27,5 @@ class L2Level(AbstractUncertainError):
     noise: FloatMatrix
     level: float
     q: FloatMatrix
-    x: FloatMatrix = ()
     taus_q: tuple[float, ...] = ()
     theorem: ClassVar[str] = "l2"

@@ -140,8 +140,8 @@ def step_corners(d):
         yield positive(decreasing(d, x, p, None, tau, taus, rho, step=True, scale=factor**2))
 
 
-def _noise(d, x):
-    for name in ("q", "x"):
+def _noise(d, x, names):
+    for name in names:
         if d.given(name):
             d.matrix(name, x.n, x.n)
     weight = matrix(d.rows("weight", x.n), x.n)
@@ -155,7 +155,7 @@ def _noise(d, x):
 def h2(d):
     x, rate, level = Box(d), d.scalar("rate"), d.scalar("level")
     p = d.matrix("p", x.n, x.n)
-    weight, process, noise = _noise(d, x)
+    weight, process, noise = _noise(d, x, ("q", "x"))
     yield rate >= 0
     yield from decay(d, x, p, rate)
     if d.given("q"):
@@ -198,7 +198,7 @@ def driven(x, decrease, p, g, weights):
 def l2(d):
     x, rate, level = Box(d), d.scalar("rate"), d.scalar("level")
     p = d.matrix("p", x.n, x.n)
-    weight, process, noise = _noise(d, x)
+    weight, process, noise = _noise(d, x, ("q",))
     yield rate >= 0
     yield level >= 0
     yield from decay(d, x, p, rate)
