@@ -25,15 +25,17 @@ def test_running_needs_none_of_the_heavy_packages():
 
 
 def test_importing_is_quick():
-    """Under a second beyond jax and diffrax."""
+    """In processor time, half of what jax and diffrax take: a ratio within one run, since machines differ and are shared."""
     code = f"""
-import jax, diffrax, time
-start = time.perf_counter()
+import time
+start = time.process_time()
+import jax, diffrax
+theirs = time.process_time() - start
 import jaxobs
 [getattr(jaxobs, name) for name in {LOWER}]
-print(time.perf_counter() - start)
+print((time.process_time() - start) / theirs - 1)
 """
-    assert float(in_fresh_interpreter(code)) < 1.0
+    assert float(in_fresh_interpreter(code)) < 0.5
 
 
 def test_importing_sets_nothing():
