@@ -37,7 +37,7 @@ def worst(certificate, count=50):
         if side is None:
             continue
         e = np.array(certificate.weight)
-        if certificate.x:
+        if getattr(certificate, "x", ()):
             x = np.array(certificate.x)
             found[1] = max(found[1], relative(f @ x + x @ f.T + side @ side.T, x))
         elif certificate.theorem == "h2":
@@ -59,7 +59,7 @@ def relative(m, p):
 def level(certificate):
     """What q or x says of the level, for "h2"."""
     e = np.array(certificate.weight)
-    if certificate.x:
+    if getattr(certificate, "x", ()):
         return np.trace(e @ np.array(certificate.x) @ e.T)
     side = closed(certificate, np.zeros(len(certificate.lower)))[1]
     return np.trace(side.T @ np.array(certificate.q) @ side)
