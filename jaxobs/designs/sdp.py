@@ -20,6 +20,7 @@ import scipy.linalg
 import scipy.sparse
 
 from jaxobs._module import refuse
+from jaxobs.designs import _conic
 from jaxobs.designs._conic import clarabel, triangle
 
 ITERATIONS = 80  # of the solver: what takes longer does not converge
@@ -49,13 +50,10 @@ class Unknown:
         """What each free entry adds to the centre, (entries, *shape)."""
         if not self.is_symmetric:
             return np.eye(int(np.prod(self.shape))).reshape(-1, *self.shape)
-        n = self.shape[0]
-        rows, columns = np.triu_indices(n)
-        units = np.zeros((len(rows), n, n))
-        units[np.arange(len(rows)), rows, columns] = units[np.arange(len(rows)), columns, rows] = 1
+        units = _conic.symmetric(self.shape[0])
         if self.trace is None:
             return units
-        units[rows == columns, -1, -1] -= 1  # the last diagonal entry makes up for the others
+        units[np.trace(units, axis1=1, axis2=2) == 1, -1, -1] -= 1  # the last diagonal entry makes up for the others
         return units[:-1]
 
 
@@ -156,8 +154,8 @@ def _coefficients(unknowns: Unknowns, lmis: Callable[..., Matrices]) -> tuple[li
 
 def _solve(unknowns, program, objective, offset, reach, inequalities) -> Solution:
     """maximise objective'x + offset with program >= 0 and |x| <= reach; `inequalities` are what the margin is taken of."""
-    for first in (True, False):
-        x, duals = _propose(program, objective, reach, first)
+    for propose in (_clarabel, _scs):  # SCS is asked only when Clarabel returns no values at all
+        x, duals = propose(program, objective, reach)
         if x is None:
             continue
         entries = x[: len(inequalities[1][0])]
@@ -173,13 +171,8 @@ def _solve(unknowns, program, objective, offset, reach, inequalities) -> Solutio
     return Solution({}, -np.inf, -np.inf, np.inf, ())
 
 
-def _propose(program, objective, reach, first: bool) -> tuple[np.ndarray | None, list[np.ndarray]]:
-    """x and the duals, as Clarabel has them; SCS is asked only when that returns no values at all."""
-    return _clarabel(program, objective, reach) if first else _scs(program, objective, reach)
-
-
 def _clarabel(program, objective, reach) -> tuple[np.ndarray | None, list[np.ndarray]]:
-    """Without a modelling language, which takes longer than the solution."""
+    """x and the duals, without a modelling language, which takes longer than the solution."""
     size, box = len(objective), np.diag(1 / reach)
     slopes, offsets, kinds = [box, -box], [np.ones(2 * size)], [clarabel.NonnegativeConeT(2 * size)]
     triangles = []
