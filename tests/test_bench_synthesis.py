@@ -12,6 +12,7 @@ from jaxobs.bench.least_gain import least_gain
 from jaxobs.bench.rows import GainRow, Pair
 from jaxobs.bench.run import SynthesisBench, run
 from jaxobs.certificates import load
+from jaxobs.designs._dynamics import stationary
 from jaxobs.designs.polytope import Polytope
 from jaxobs.report import bench_cli, bench_text
 
@@ -42,15 +43,15 @@ def test_covariance_is_the_kronecker_solution(n):
         f, eye = random_stable(n, step=step), np.eye(n)
         operator = np.eye(n * n) - np.kron(f, f) if step else -(np.kron(eye, f) + np.kron(f, eye))
         expected = np.linalg.solve(operator, (g @ g.T).ravel()).reshape(n, n)
-        np.testing.assert_allclose(measures.covariance(f, g, step=step), expected, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(stationary(f, g, step=step), expected, rtol=1e-9, atol=1e-12)
 
 
 def test_covariance_scales_exactly_where_gains_spread_over_decades():
     """In the coordinates e_i / theta^i and the time theta t the high-gain error is that of theta = 1."""
     alphas, theta, n = np.array([5.0, 10, 10, 5, 1]), 4096.0, 5
     t = theta ** np.arange(1, n + 1)
-    plain = measures.covariance(np.eye(n, k=1) - np.outer(alphas, np.eye(n)[0]), -alphas[:, None])
-    fast = measures.covariance(np.eye(n, k=1) - np.outer(alphas * t, np.eye(n)[0]), -(alphas * t)[:, None])
+    plain = stationary(np.eye(n, k=1) - np.outer(alphas, np.eye(n)[0]), -alphas[:, None])
+    fast = stationary(np.eye(n, k=1) - np.outer(alphas * t, np.eye(n)[0]), -(alphas * t)[:, None])
     assert plain is not None
     np.testing.assert_allclose(fast, plain * np.outer(t, t) / theta, rtol=1e-9)
 

@@ -7,31 +7,18 @@ chain spread over many decades, so that all of it is computed in coordinates bal
 import numpy as np
 import scipy.linalg
 
+from jaxobs.designs._dynamics import balancing, stationary
 from jaxobs.designs.polytope import Polytope
 
 OCTAVE, FINE = 4, 16  # instants in each doubling of the time at which the transient is looked at; then about the worst
 
 
-def covariance(f: np.ndarray, injected: np.ndarray, *, step: bool = False) -> np.ndarray | None:
-    """X = E e e' in the steady state of e' = F e + G w, w white of unit intensity:  F X + X F' + G G' = 0
-
-    (step: F X F' - X + G G' = 0). f (n, n), injected G (n, m); None where F is not stable."""
-    values = np.linalg.eigvals(f)
-    if np.max(np.abs(values) - 1 if step else values.real) >= 0:
-        return None
-    t = _balanced(f)
-    inside, source = f / t[:, None] * t, injected / t[:, None]
-    solve = scipy.linalg.solve_discrete_lyapunov if step else scipy.linalg.solve_continuous_lyapunov
-    x = solve(inside, source @ source.T if step else -source @ source.T)
-    return (x + x.T) / 2 * np.outer(t, t)
-
-
 def noise_at(
     model: Polytope, gain: np.ndarray, rho: np.ndarray, process: np.ndarray, noise: np.ndarray, *, step: bool = False
 ) -> np.ndarray | None:
-    """`covariance` at a constant rho (r,) under process noise through `process` (n, m) and measurement noise through
+    """`stationary` at a constant rho (r,) under process noise through `process` (n, m) and measurement noise through
     `noise` (p, k); None where the error does not decay."""
-    return covariance(model.at(rho) - gain @ model.output, np.hstack([process, -gain @ noise]), step=step)
+    return stationary(model.at(rho) - gain @ model.output, np.hstack([process, -gain @ noise]), step=step)
 
 
 def worst_at_corners(
@@ -45,8 +32,7 @@ def worst_at_corners(
 def peak(model: Polytope, gain: np.ndarray) -> float:
     """max over t >= 0 and over the corners held constant of |exp(F t)|_2: how far an initial error of size one is thrown.
 
-    To the distance of the instants, which are ever closer about the largest value (relative 1e-3 for one smooth hump); inf
-    where a corner is not stable."""
+    To the distance of the instants, which are ever closer about the largest value; inf where a corner is not stable."""
     return max(_thrown(f) for f in model.closed(gain))
 
 
@@ -54,7 +40,7 @@ def _thrown(f: np.ndarray) -> float:
     slowest = -float(np.linalg.eigvals(f).real.max())
     if slowest <= 0:
         return np.inf
-    t = _balanced(f)
+    t = np.diagonal(balancing(f))
     inside = f / t[:, None] * t
 
     def sizes(moved: np.ndarray) -> np.ndarray:
@@ -74,8 +60,3 @@ def _thrown(f: np.ndarray) -> float:
         moved = moved @ stride
         largest = max(largest, float(sizes(moved).max()))
     return largest
-
-
-def _balanced(f: np.ndarray) -> np.ndarray:
-    """Powers of two t such that rows and columns of diag(t)^-1 F diag(t) are of like size."""
-    return scipy.linalg.matrix_balance(f, permute=False, separate=True)[1][0]

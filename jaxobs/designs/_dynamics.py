@@ -7,6 +7,8 @@ import scipy.linalg
 
 from jaxobs.designs.polytope import Polytope
 
+ROUNDING = 1e-12  # relative: eigenvalues closer to the border than this may lie on it
+
 
 @dataclasses.dataclass(frozen=True)
 class Dynamics:
@@ -93,6 +95,21 @@ def balancing(f: np.ndarray) -> np.ndarray:
     """The diagonal t, of powers of two, that makes rows and columns of t^-1 f t alike in size."""
     _, (scales, _) = scipy.linalg.matrix_balance(f, permute=False, separate=True)
     return np.diag(scales)
+
+
+def stationary(f: np.ndarray, injected: np.ndarray, *, step: bool = False) -> np.ndarray | None:
+    """X = E e e' in the steady state of e' = F e + G w, w white of unit intensity:  F X + X F' + G G' = 0
+
+    (step: F X F' - X + G G' = 0). f (n, n), injected G (n, m); None where F is not stable, or not to rounding. In balanced
+    coordinates, since the gains of a chain spread over many decades."""
+    t = np.diagonal(balancing(f))
+    inside, source = f / t[:, None] * t, injected / t[:, None]
+    values, size = np.linalg.eigvals(inside), float(np.linalg.norm(inside, 2))
+    if np.max(np.abs(values) - 1 if step else values.real) >= -ROUNDING * (1.0 if step else size):
+        return None
+    solve = scipy.linalg.solve_discrete_lyapunov if step else scipy.linalg.solve_continuous_lyapunov
+    x = solve(inside, source @ source.T if step else -source @ source.T)
+    return (x + x.T) / 2 * np.outer(t, t)
 
 
 def centred(p: np.ndarray) -> np.ndarray:

@@ -6,12 +6,11 @@ import time
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 
 from jaxobs._module import refuse, require_instance
 from jaxobs.certificates import AbstractCertificate, Corners, H2Level, L2Level
 from jaxobs.designs._descent import judged
-from jaxobs.designs._dynamics import Dynamics
+from jaxobs.designs._dynamics import Dynamics, stationary
 from jaxobs.designs._proofs import certified
 from jaxobs.designs._rates import fastest
 from jaxobs.designs.covers import Cover, cover_of
@@ -164,11 +163,11 @@ def frozen_level(d: Dynamics) -> float:
     0. A lower bound of every guaranteed one."""
     largest = 0.0
     for f, rho in zip(d.at_corners(), d.model.parameters(), strict=True):
-        if np.linalg.eigvals(f).real.max() >= -1e-12 * np.linalg.norm(f, 2):  # not, or not to rounding
-            return float("inf")
         side = np.concatenate([d.process, (d.gain + (d.model.b * rho) @ d.inner) @ d.noise], 1)
-        covariance = scipy.linalg.solve_continuous_lyapunov(f, -side @ side.T)
-        largest = max(largest, float(np.trace(d.weight @ covariance @ d.weight.T)))
+        x = stationary(f, side)
+        if x is None:
+            return float("inf")
+        largest = max(largest, float(np.trace(d.weight @ x @ d.weight.T)))
     return float(np.sqrt(largest))
 
 
