@@ -56,7 +56,7 @@ def write(name, certificate):
 
 
 # %% [markdown]
-# ## The pendulum: four proofs of one observer
+# ## The pendulum, proved in four ways
 #
 # Paper 000 asks for condition (5), from a Lipschitz constant of phi alone. The S-lemma with a free Lyapunov matrix knows that
 # only the angle enters phi, and proves far smaller gains.

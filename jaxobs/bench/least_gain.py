@@ -12,7 +12,7 @@ from jaxobs.designs import Gain, synthesize
 from jaxobs.designs.gain_floor import gain_floor
 from jaxobs.papers.p002.paper import N
 
-STEPS = 200  # of the descent, a percent each
+STEPS = 200  # of the descent, which stops earlier when it has come to rest
 
 
 @dataclasses.dataclass(frozen=True)

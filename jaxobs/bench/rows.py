@@ -102,8 +102,8 @@ class Design:
 
 
 def design(problem: Problem, rate: float) -> Design:
-    """Found by the cheapest cover, one inequality for the whole box; then its level once more, at all corners, which is sharper
-    by a few percent. Infeasible where no gain is found that proves the rate."""
+    """Found by the cheapest cover, one inequality for the whole box; then its level once more, at all corners: sharper.
+    Infeasible where no gain is found that proves the rate."""
     begin, shared = time.perf_counter(), {"objective": problem.objective, "rate": rate, "origin": problem.origin}
     found = synthesize(problem.model, cover="multiplier", steps=STEPS, **shared)
     level, certificate = found.level, found.certificate

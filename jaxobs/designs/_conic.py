@@ -1,4 +1,4 @@
-"""Semidefinite programs in a few milliseconds: affine matrices as arrays, handed to the solver without a modelling language.
+"""Small semidefinite programs: affine matrices as arrays, handed to the solver without a modelling language.
 
 An affine function of the unknowns x_1 .. x_m is an array whose FIRST axis counts 1, x_1, .., x_m: the constant, then the
 slopes. Sums, products with known matrices, blocks and stacks of such matrices are then those of NumPy:

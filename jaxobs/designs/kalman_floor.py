@@ -28,7 +28,7 @@ def kalman_floor(
 
     for e' = A(rho) e + W w of a plant with y = C x + V v, w and v white of unit intensity, no causal observer has a smaller
     E |E e|^2 in the mean over time at that constant rho, so none has for all parameters in the box. The certificate is a lower
-    bound on this number, smaller by a relative 1e-9 where all is well; its `level` is the floor, its `rho` the parameters.
+    bound a little below this number; its `level` is the floor, its `rho` the parameters.
 
     weight E (s, n), process W (n, m), noise V (p, k) with V V' > 0. points (N, r): constant parameters in the box to look at,
     all corners if not given; with `search` also those that a local search from the worst of them meets. ValueError for shapes

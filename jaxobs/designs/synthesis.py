@@ -3,7 +3,7 @@
     min level(L):   some P > 0 has F(rho)'P + P F(rho) + 2 rate P < 0, and some Q bounds the level, for all rho in the box.
 
 The problem is not convex in (P, Q, L). It is descended upon from several starts, among them the seed and the best gain with P
-= Q (which is convex), by convex programs of a few milliseconds (_descent); what comes out is accepted by the exact check alone.
+= Q (which is convex), by small convex programs (_descent); what comes out is accepted by the exact check alone.
 """
 
 import dataclasses
