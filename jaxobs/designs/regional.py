@@ -38,7 +38,8 @@ def regional(
     inner: S, as (lower, upper) or as points (N, n), whose extremes are taken. outer: B, as (lower, upper); infinite where B has
     no end. Both count the entries of faces @ x, with faces (m, n) the identity if not given. rate [1/s] >= 0. aim: "ball", the
     largest r so that |e(0)| <= r will do, or "volume", the largest ellipsoid. injection (r, p): the innovation in the channels
-    of the observer f(z + K (y - C z)), none if not given. origin: where the bounds come from.
+    of the observer f(z + K (y - C z)), none if not given; the bounds of the model then have to hold wherever f is evaluated
+    while x and xhat are in B. origin: where the bounds come from.
 
     Infeasible where the gain has no certificate at this rate even on all of the box, or none that passes the exact check.
     ValueError where S leaves B no room, where B has no end at all (then corner_lmi.prove says more), and for bad arguments.
@@ -48,7 +49,7 @@ def regional(
     if aim not in ("ball", "volume"):
         raise refuse("regional", "aim", repr(aim), "'ball' or 'volume'", "The ball is a radius for |e(0)|.")
     rows, small, large = _sides(model, inner, outer, faces)
-    widths = _widths(small, large)
+    widths = _widths("regional", small, large)
     ends = np.isfinite(widths)
     rows, small, large, widths = rows[ends], small[:, ends], large[:, ends], widths[ends]
     if not len(rows):
@@ -79,13 +80,13 @@ def half_widths(inner: Any, outer: Any) -> np.ndarray:
     """w_j = min(outer_upper_j - inner_upper_j, inner_lower_j - outer_lower_j) > 0, (m,): how far an error may reach along each
     side before x - e leaves B, for x in S. inner: (lower, upper) or points (N, m); outer: (lower, upper). Infinite where B is.
     ValueError, naming the side, where S touches the border of B or sticks out."""
-    small, large = _extremes(inner), _pair("outer", outer)
+    small, large = _extremes("half_widths", inner), _pair("half_widths", "outer", outer)
     if small.shape != large.shape:
-        raise refuse("regional", "inner", f"{small.shape[1]} sides", f"those of outer, {large.shape[1]}", "One pair a side.")
-    return _widths(small, large)
+        raise refuse("half_widths", "inner", f"{small.shape[1]} sides", f"those of outer, {large.shape[1]}", "One pair a side.")
+    return _widths("half_widths", small, large)
 
 
-def _widths(small: np.ndarray, large: np.ndarray) -> np.ndarray:
+def _widths(owner: str, small: np.ndarray, large: np.ndarray) -> np.ndarray:
     above, below = (np.where(np.isinf(end), np.inf, 0.0) for end in (large[1], large[0]))
     with np.errstate(invalid="ignore"):
         above, below = np.where(above, above, large[1] - small[1]), np.where(below, below, small[0] - large[0])
@@ -93,7 +94,7 @@ def _widths(small: np.ndarray, large: np.ndarray) -> np.ndarray:
     if (none := np.flatnonzero(~(widths > 0))).size:
         j = int(none[0])
         given = f"[{small[0, j]:.6g}, {small[1, j]:.6g}] against [{large[0, j]:.6g}, {large[1, j]:.6g}] along side {j}"
-        raise refuse("regional", "inner", given, "a set inside of outer", "Widen outer, with the bounds that hold there.")
+        raise refuse(owner, "inner", given, "a set inside of outer", "Widen outer, with the bounds that hold there.")
     return widths
 
 
@@ -103,7 +104,7 @@ def _sides(model: Polytope, inner: Any, outer: Any, faces: Any) -> tuple[np.ndar
         raise refuse(
             "regional", "faces", f"shape {rows.shape}", f"finite rows of length {model.n}", "One row a side of the box."
         )
-    small, large = _extremes(inner), _pair("outer", outer)
+    small, large = _extremes("regional", inner), _pair("regional", "outer", outer)
     for name, value in (("inner", small), ("outer", large)):
         if value.shape[1] != len(rows):
             fix = "A pair for each row of faces, for each state if there are none; infinite where B has no end."
@@ -111,21 +112,21 @@ def _sides(model: Polytope, inner: Any, outer: Any, faces: Any) -> tuple[np.ndar
     return rows, small, large
 
 
-def _extremes(inner: Any) -> np.ndarray:
+def _extremes(owner: str, inner: Any) -> np.ndarray:
     """(lower, upper), (2, m), of a pair or of points."""
     if isinstance(inner, (tuple, list)) and len(inner) == 2:
-        return _pair("inner", inner)
+        return _pair(owner, "inner", inner)
     points = np.asarray(inner, float)
     if points.ndim != 2 or not len(points) or not np.all(np.isfinite(points)):
         fix = "Or points, one a row, as an array."
-        raise refuse("regional", "inner", f"shape {points.shape}", "(lower, upper), or finite points (N, m)", fix)
+        raise refuse(owner, "inner", f"shape {points.shape}", "(lower, upper), or finite points (N, m)", fix)
     return np.stack([points.min(0), points.max(0)])
 
 
-def _pair(name: str, given: Any) -> np.ndarray:
+def _pair(owner: str, name: str, given: Any) -> np.ndarray:
     sides = [np.asarray(side, float).reshape(-1) for side in given] if isinstance(given, (tuple, list, np.ndarray)) else []
     if len(sides) != 2 or sides[0].shape != sides[1].shape or not np.all(sides[0] <= sides[1]):
-        raise refuse("regional", name, f"{given}", "(lower, upper) with lower <= upper", "Two vectors of one length.")
+        raise refuse(owner, name, f"{given}", "(lower, upper) with lower <= upper", "Two vectors of one length.")
     return np.stack(sides)
 
 
