@@ -42,8 +42,11 @@ if TYPE_CHECKING:
     from jaxobs._simulate import score as score
     from jaxobs._simulate import simulate as simulate
     from jaxobs.studies import Family as Family
+    from jaxobs.studies import Seeds as Seeds
     from jaxobs.studies import grid as grid
     from jaxobs.studies import over as over
+    from jaxobs.studies import study as study
+    from jaxobs.studies import variants as variants
     # fmt: on
 
 _MODULES = (
@@ -56,6 +59,7 @@ _NAMES = {
     "Family": "studies",
     "Module": "_module",
     "Scalar": "_module",
+    "Seeds": "studies",
     "Trajectory": "_simulate",
     "astype": "_module",
     "differentiate": "_differentiate",
@@ -66,6 +70,8 @@ _NAMES = {
     "score": "_simulate",
     "simulate": "_simulate",
     "static": "_module",
+    "study": "studies",
+    "variants": "studies",
 }
 
 

@@ -48,46 +48,46 @@ class Sample(NamedTuple):
 Advance = Callable[[Any, Any, Sample, Array, Array], tuple[Any, Any]]  # (x, z, sample, y, held) -> the next (x, z)
 
 
-def run(
+def begin(observer: Observer, x: Any, z: Any, dtype: Any, metrics: Mapping[str, AbstractMetric] | None) -> Any:
+    """What the loop carries: x, z, the innovation that is held, the states of the metrics, the time of divergence."""
+    states = {name: metric.init(observer.n, observer.p, dtype) for name, metric in (metrics or {}).items()}
+    return x, z, jnp.zeros((observer.p,), dtype), states, jnp.asarray(jnp.inf, dtype)
+
+
+def tick(
     observer: Observer,
-    x: Any,
-    z: Any,
-    samples: Sample,
+    carry: Any,
+    sample: Sample,
     measure: Callable[[Any, Sample], Float[Array, " p"]],
     advance: Advance,
     hold_innovation: bool,
     metrics: Mapping[str, AbstractMetric] | None = None,
-) -> Any:
-    """(x, xhat, y, innovation) at every sample; or, with metrics, only their results and the time of divergence, in memory that
-    does not grow with time.
+) -> tuple[Any, Any]:
+    """One sample: the next carry, and (x, xhat, y, innovation), or with metrics (x, xhat).
 
     An invalid y is replaced by the expected one: its innovation is zero, or, with `hold_innovation`, that of the last valid
     sample.
     """
+    x, z, held, states, lost = carry
+    time = sample.k if isinstance(observer, AbstractStepObserver) else sample.t
+    expected = observer.predict(time, z, sample.u)
+    seen = measure(x, sample)
+    innovation = jnp.where(sample.valid, seen - expected, held)
+    y = jnp.where(sample.valid, seen, expected + held)
+    held = innovation if hold_innovation else held
+    xhat = observer.estimate(time, z, sample.u, y)
+    out = (x, xhat, y, innovation)
+    if metrics is not None:
+        moment = Moment(sample.t, x, xhat, innovation, sample.valid)
+        states, out = {name: metric.update(states[name], moment) for name, metric in metrics.items()}, (x, xhat)
+        finite = jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(xhat))
+        lost = jnp.where(finite, lost, jnp.minimum(lost, sample.t))
+    return (*advance(x, z, sample, y, held), held, states, lost), out
 
-    def body(carry, sample):
-        x, z, held, states, lost = carry
-        time = sample.k if isinstance(observer, AbstractStepObserver) else sample.t
-        expected = observer.predict(time, z, sample.u)
-        seen = measure(x, sample)
-        innovation = jnp.where(sample.valid, seen - expected, held)
-        y = jnp.where(sample.valid, seen, expected + held)
-        held = innovation if hold_innovation else held
-        xhat = observer.estimate(time, z, sample.u, y)
-        out = (x, xhat, y, innovation)
-        if metrics is not None:
-            moment = Moment(sample.t, x, xhat, innovation, sample.valid)
-            states, out = {name: metric.update(states[name], moment) for name, metric in metrics.items()}, None
-            finite = jnp.all(jnp.isfinite(x)) & jnp.all(jnp.isfinite(xhat))
-            lost = jnp.where(finite, lost, jnp.minimum(lost, sample.t))
-        return (*advance(x, z, sample, y, held), held, states, lost), out
 
-    held = jnp.zeros(samples.y.shape[1:], samples.y.dtype)
-    states = {name: metric.init(observer.n, observer.p, held.dtype) for name, metric in (metrics or {}).items()}
-    never = jnp.asarray(jnp.inf, held.dtype)
-    (*_, states, lost), out = jax.lax.scan(body, (x, z, held, states, never), samples)
-    if metrics is None:
-        return out
+def results(carry: Any, metrics: Mapping[str, AbstractMetric]) -> dict[str, Any]:
+    """The metrics at the end, and under "diverged_at" the first time at which x or xhat was not finite."""
+    (*_, states, lost) = carry
     return {name: metric.result(states[name]) for name, metric in metrics.items()} | {"diverged_at": lost}
 
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxobs._loop import Sample, as_state, check_period, divergence_time, require_parts, run, time_grid
+from jaxobs._loop import Sample, as_state, begin, check_period, divergence_time, require_parts, tick, time_grid
 from jaxobs._module import Module, Numbers, Scalar, check, concrete, dtype_of, is_real, refuse
 from jaxobs.integrators import RK4, AbstractIntegrator
 from jaxobs.observers import AbstractFlowObserver, AbstractStepObserver, Observer, Sampled
@@ -76,7 +76,11 @@ def _observe(observer: AbstractStepObserver, ts, dts, ys, us, xhat0, hold_innova
     def advance(x, z, sample, y, held):
         return x, observer.step(sample.k, z, sample.u, y)
 
-    _, xhat, y, innovation = run(observer, None, observer.init(xhat0), samples, lambda x, s: s.y, advance, hold_innovation)
+    def body(carry, sample):
+        return tick(observer, carry, sample, lambda x, s: s.y, advance, hold_innovation)
+
+    start = begin(observer, None, observer.init(xhat0), dtype, None)
+    _, xhat, y, innovation = jax.lax.scan(body, start, samples)[1]
     return Estimate(ts, xhat, y, valid, innovation, divergence_time(ts, xhat))
 
 

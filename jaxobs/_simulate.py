@@ -1,7 +1,7 @@
 """A plant, and the same loop: truth, measurement and estimate together."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -9,11 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxobs._loop import JITTER, Grid, Sample, as_state, check_period, divergence_time, require_parts, run, time_grid
+from jaxobs._loop import JITTER, Grid, Sample, as_state, check_period, divergence_time, require_parts, results, time_grid
 from jaxobs._module import Module, Numbers, Scalar, check, dtype_of, float_leaves, key_axes, refuse, require_instance
-from jaxobs.integrators import RK4, AbstractIntegrator, Field, check_step
+from jaxobs._motion import Motion, World
+from jaxobs.integrators import RK4, AbstractIntegrator, check_step
 from jaxobs.metrics import AbstractMetric
-from jaxobs.noise import AbstractNoise, Silent
+from jaxobs.noise import AbstractNoise
 from jaxobs.observers import AbstractFlowObserver, AbstractStepObserver, Observer
 from jaxobs.plants import AbstractFlowPlant, AbstractPlant
 from jaxobs.signals import AbstractSignal, Zero
@@ -57,7 +58,7 @@ def simulate(
     independently. The observer's model and the plant are two objects and may differ. Works under jit, vmap and grad.
     ValueError names the argument that does not fit.
     """
-    world = _World(plant, signal, noise, disturbance, integrator)
+    world = World(plant, signal, noise, disturbance, integrator)
     return _simulate(*_checked(world, observer, x0, xhat0, ts, key), key, hold_innovation, None)
 
 
@@ -81,144 +82,97 @@ def score(
     `score(..., metrics={"rmse": RMSE(after=10.0)})["rmse"]`; plant and observer must have the same number of states. The key
     "diverged_at" is always there: the first time [s] at which x or xhat is not finite, infinity if they always are.
     """
-    fix = 'Name them: metrics={"rmse": jaxobs.metrics.RMSE()}.'
-    require_instance("score", "metrics", metrics, Mapping, fix)
-    for name, metric in metrics.items():
-        require_instance("score", f"metrics[{name!r}]", metric, AbstractMetric, fix)
-    if "diverged_at" in metrics:
-        raise refuse("score", "metrics", "the name 'diverged_at'", "any other name", "That key holds the time of divergence.")
-    checked = _checked(_World(plant, signal, noise, disturbance, integrator), observer, x0, xhat0, ts, key)
-    if plant.n != observer.n:
-        fix = "Metrics compare x with xhat; use simulate and compare what corresponds."
-        raise refuse("score", "observer", f"n = {observer.n} states", f"the plant's n = {plant.n}", fix)
+    world = World(plant, signal, noise, disturbance, integrator)
+    checked = check_scored("score", world, observer, metrics, x0, xhat0, ts, key)
     return _simulate(*checked, key, hold_innovation, dict(metrics))
 
 
 FLOWS = AbstractFlowPlant | AbstractFlowObserver
 
 
-class _World(NamedTuple):
-    """Everything that is not the observer."""
+def check_scored(
+    owner: str, world: World, observer: Observer, metrics, x0, xhat0, ts, key
+) -> tuple[World, Observer, Array, Array, Grid]:
+    """The parts of a run whose metrics alone are kept."""
+    fix = 'Name them: metrics={"rmse": jaxobs.metrics.RMSE()}.'
+    require_instance(owner, "metrics", metrics, Mapping, fix)
+    for name, metric in metrics.items():
+        require_instance(owner, f"metrics[{name!r}]", metric, AbstractMetric, fix)
+    if "diverged_at" in metrics:
+        raise refuse(owner, "metrics", "the name 'diverged_at'", "any other name", "That key holds the time of divergence.")
+    checked = _checked(world, observer, x0, xhat0, ts, key, owner)
+    if world.plant.n != observer.n:
+        fix = "Metrics compare x with xhat; use simulate and compare what corresponds."
+        raise refuse(owner, "observer", f"n = {observer.n} states", f"the plant's n = {world.plant.n}", fix)
+    return checked
 
-    plant: Any
-    signal: Any
-    noise: AbstractNoise | None
-    disturbance: AbstractNoise | None
-    integrator: Any
 
-
-def _checked(world: _World, observer: Observer, x0, xhat0, ts, key) -> tuple[_World, Observer, Array, Array, Grid]:
+def _checked(
+    world: World, observer: Observer, x0, xhat0, ts, key, owner: str = "simulate"
+) -> tuple[World, Observer, Array, Array, Grid]:
     """The parts of a run: they fit each other and have one precision."""
-    require_parts("simulate", observer=observer, **world._asdict())
+    require_parts(owner, observer=observer, **world._asdict())
     check(world.plant)
     check(observer)
     plant = world.plant
     if world.integrator is not None and not any(isinstance(part, FLOWS) for part in (plant, observer)):
         given = type(world.integrator).__name__
-        raise refuse("simulate", "integrator", given, "none for a step plant with a step observer", "Leave it out.")
+        raise refuse(owner, "integrator", given, "none for a step plant with a step observer", "Leave it out.")
     world = world._replace(
         signal=Zero(plant.m) if world.signal is None else world.signal,
         integrator=RK4() if world.integrator is None else world.integrator,
     )
-    dtype = _agree(world, observer, key)
+    dtype = _agree(world, observer, key, owner)
     # An exponential integrator makes its matrices for one step; a step observer counts samples; the rest takes any grid.
     uneven = 1e-3 if world.integrator.needs_uniform_grid else JITTER if isinstance(observer, AbstractStepObserver) else None
-    grid = time_grid("simulate", ts, dtype, uneven)
-    check_period("simulate", observer, grid.spacing)
-    check_period("simulate", plant, grid.spacing)
+    grid = time_grid(owner, ts, dtype, uneven)
+    check_period(owner, observer, grid.spacing)
+    check_period(owner, plant, grid.spacing)
     if isinstance(observer, AbstractFlowObserver):
-        check_step("simulate", observer, world.integrator, jnp.max(grid.dts))
-    start = as_state("simulate", "x0", x0, plant.n, dtype)
-    return world, observer, start, as_state("simulate", "xhat0", xhat0, observer.n, dtype), grid
+        check_step(owner, observer, world.integrator, jnp.max(grid.dts))
+    start = as_state(owner, "x0", x0, plant.n, dtype)
+    return world, observer, start, as_state(owner, "xhat0", xhat0, observer.n, dtype), grid
 
 
 @eqx.filter_jit
-def _simulate(world: _World, observer: Any, x0, xhat0, grid: Grid, key, hold_innovation: bool, metrics: Any) -> Any:
-    plant, signal, noise, disturbance, integrator = world
-    ts, dtype = grid.ts, x0.dtype
-    count = ts.shape[0]
-    noise_key, disturbance_key = jax.random.split(jax.random.key(0) if key is None else key)
-    w, valid = (noise or Silent()).sample(noise_key, ts, plant.p)
-    d = jnp.zeros((count, plant.n), dtype)
-    if disturbance is not None:
-        e = plant.disturbance_matrix().astype(dtype)
-        d = disturbance.sample(disturbance_key, ts, e.shape[1])[0].astype(dtype) @ e.T
-    us = jax.vmap(signal)(ts)
-    samples = Sample(jnp.arange(count), ts, grid.dts, us, w.astype(dtype), valid, d)
-    step_plant = not isinstance(plant, AbstractFlowPlant)
-    joint = isinstance(observer, AbstractFlowObserver)
-
-    def measure(x, sample):
-        return plant.h(x, sample.u) + sample.y
-
-    def plant_field(sample):
-        def split(t, x):
-            a, b = plant.split(t, x, signal(t))
-            return a, b + sample.d
-
-        return Field(lambda t, x: plant.flow(t, x, signal(t)) + sample.d, split if hasattr(plant, "split") else None)
-
-    def joint_field(sample, held):
-        def seen(t, x, z, u):
-            return jnp.where(sample.valid, plant.h(x, u) + sample.y, observer.predict(t, z, u) + held)
-
-        def flow(t, xz):
-            (x, z), u = xz, signal(t)
-            return plant.flow(t, x, u) + sample.d, observer.flow(t, z, u, seen(t, x, z, u))
-
-        def split(t, xz):
-            (x, z), u = xz, signal(t)
-            a, b = observer.split(t, z, u, seen(t, x, z, u))
-            return (None, a), (plant.flow(t, x, u) + sample.d, b)
-
-        return Field(flow, split if hasattr(observer, "split") else None)
-
-    z0 = observer.init(xhat0)
-    first = jax.tree.map(lambda path: path[0], samples)
-    cache = None
-    if joint:
-        cache = integrator.prepare(joint_field(first, jnp.zeros_like(first.y)), grid.spacing, (x0, z0))
-    elif not step_plant:
-        cache = integrator.prepare(plant_field(first), grid.spacing, x0)
-
-    def advance(x, z, sample, y, held):
-        if joint:
-            return integrator.step(joint_field(sample, held), cache, sample.t, sample.dt, (x, z))
-        z = observer.step(sample.k, z, sample.u, y)
-        if step_plant:
-            return plant.step(sample.k, x, sample.u) + sample.d, z
-        return integrator.step(plant_field(sample), cache, sample.t, sample.dt, x), z
-
-    out = run(observer, x0, z0, samples, measure, advance, hold_innovation, metrics)
+def _simulate(world: World, observer: Any, x0, xhat0, grid: Grid, key, hold_innovation: bool, metrics: Any) -> Any:
+    motion, ts = Motion(world, observer, hold_innovation, metrics), grid.ts
+    w, valid, d = motion.draw(motion.streams(key), ts)
+    us = jax.vmap(world.signal)(ts)
+    disturbed = jax.vmap(motion.disturb, in_axes=(0, None))(d, x0)
+    samples = Sample(jnp.arange(ts.shape[0]), ts, grid.dts, us, w, valid, disturbed)
+    carry, cache = motion.start(x0, xhat0, jax.tree.map(lambda path: path[0], samples), grid.spacing)
     if metrics is not None:
-        return out
-    x, xhat, y, innovation = out
+        return results(
+            jax.lax.scan(lambda carry, sample: (motion.step(cache, carry, sample)[0], None), carry, samples)[0], metrics
+        )
+    x, xhat, y, innovation = jax.lax.scan(lambda carry, sample: motion.step(cache, carry, sample), carry, samples)[1]
     return Trajectory(ts, x, xhat, y, valid, us, innovation, divergence_time(ts, x, xhat))
 
 
-def _agree(world: _World, observer: Observer, key: Any) -> Any:
+def _agree(world: World, observer: Observer, key: Any, owner: str) -> Any:
     """The parts fit each other; returns their common precision."""
     plant, signal, noise, disturbance, _ = world
     if not isinstance(plant, AbstractFlowPlant) and isinstance(observer, AbstractFlowObserver):
         raise refuse(
-            "simulate", "observer", f"the flow observer {type(observer).__name__} for a step plant", "a step observer",
+            owner, "observer", f"the flow observer {type(observer).__name__} for a step plant", "a step observer",
             "Wrap it: jaxobs.observers.Sampled(observer, integrator, dt).",
         )  # fmt: skip
     if observer.p != plant.p:
         raise refuse(
-            "simulate", "observer", f"p = {observer.p} outputs", f"the plant's p = {plant.p}", "Match the output maps."
+            owner, "observer", f"p = {observer.p} outputs", f"the plant's p = {plant.p}", "Match the output maps."
         )
     if signal.m != plant.m:
         fix = "Give a signal with one component for each input."
-        raise refuse("simulate", "signal", f"m = {signal.m} inputs", f"the plant's m = {plant.m}", fix)
+        raise refuse(owner, "signal", f"m = {signal.m} inputs", f"the plant's m = {plant.m}", fix)
     if key is None and (noise is not None or disturbance is not None):
-        raise refuse("simulate", "key", "None", "a PRNG key", "Noise and disturbance draw from it: key=jax.random.key(0).")
+        raise refuse(owner, "key", "None", "a PRNG key", "Noise and disturbance draw from it: key=jax.random.key(0).")
     if key is not None and key_axes(key) != 0:
         given = f"{type(key).__name__} of shape {np.shape(key)}"
-        raise refuse("simulate", "key", given, "one PRNG key", "Make it from the seed: key=jax.random.key(0).")
+        raise refuse(owner, "key", given, "one PRNG key", "Make it from the seed: key=jax.random.key(0).")
     dtype = dtype_of(observer)
     for name, part in (("plant", plant), ("signal", signal)):
         if float_leaves(part) and dtype_of(part) != dtype:  # a part without numbers takes the precision of the run
             fix = "Convert one of them with jaxobs.astype(part, dtype)."
-            raise refuse("simulate", name, f"precision {dtype_of(part)}", f"the observer's {dtype}", fix)
+            raise refuse(owner, name, f"precision {dtype_of(part)}", f"the observer's {dtype}", fix)
     return dtype

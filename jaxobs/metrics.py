@@ -8,7 +8,8 @@ A running metric is three functions of a small state, so that a study needs memo
 """
 
 import abc
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -40,7 +41,14 @@ class Moment(NamedTuple):
 
 
 class AbstractMetric(Module):
-    """init, update, result: see the module."""
+    """init, update, result: see the module.
+
+    `dims` names the axes of the result in a study's data set, `units` its units ("x" are those of the state, "y" of the
+    output), each by key where the result is a dict; without them the axes are numbered.
+    """
+
+    dims: ClassVar[tuple[str, ...] | Mapping[str, tuple[str, ...]] | None] = None
+    units: ClassVar[str | Mapping[str, str] | None] = None
 
     @abc.abstractmethod
     def init(self, n: int, p: int, dtype: Any) -> Any: ...
@@ -55,6 +63,8 @@ class AbstractMetric(Module):
 class RMSE(AbstractMetric):
     """sqrt(mean of (xhat_i - x_i)^2 over t >= after), shape (n,). NaN if the run never reaches `after`."""
 
+    dims = ("state",)
+    units = "x"
     after: Scalar = param(default=0.0)
 
     def init(self, n, p, dtype):
@@ -73,6 +83,9 @@ class RMSE(AbstractMetric):
 class Peak(AbstractMetric):
     """max over t of |xhat_i - x_i|, shape (n,)."""
 
+    dims = ("state",)
+    units = "x"
+
     def init(self, n, p, dtype):
         return jnp.zeros((n,), dtype)
 
@@ -89,6 +102,8 @@ class SettlingTime(AbstractMetric):
     It is the time of the last sample outside; 0 if there is none.
     """
 
+    dims = ("state",)
+    units = "s"
     tolerance: Scalar = param()
 
     def __check_init__(self):
@@ -110,6 +125,8 @@ class SettlingTime(AbstractMetric):
 class NoiseGain(AbstractMetric):
     """RMSE over t >= after, divided by the standard deviation of the measurement noise, shape (n,), units x_i / y."""
 
+    dims = ("state",)
+    units = "x / y"
     sigma: Scalar = param()
     after: Scalar = param(default=0.0)
 
@@ -134,6 +151,8 @@ class Whiteness(AbstractMetric):
     65 (1978).
     """
 
+    dims = {"autocorrelation": ("output", "lag"), "p_value": ("output",)}  # noqa: RUF012
+    units = "1"
     lags: int = static(default=20)
 
     def __check_init__(self):
@@ -164,6 +183,8 @@ class Consistency(AbstractMetric):
     Known as the normalised innovation squared; Bar-Shalom, Li and Kirubarajan, Estimation with Applications, section 5.4.
     """
 
+    dims = ("output",)
+    units = "1"
     variance: Scalar = param()
     after: Scalar = param(default=0.0)
 

@@ -16,7 +16,7 @@ RANK = {
     **dict.fromkeys(["signals", "noise", "integrators"], (1, 0)),
     "plants": (1, 1),
     "observers": (2, 0),
-    **dict.fromkeys(["_loop", "_observe", "_simulate", "_differentiate", "metrics"], (3, 0)),
+    **dict.fromkeys(["_loop", "_motion", "_observe", "_simulate", "_differentiate", "metrics"], (3, 0)),
     **dict.fromkeys(["certificates", "excitation", "datasets", "monitors"], (3, 0)),
     "designs": (4, 0),
     "studies": (4, 1),
@@ -38,7 +38,8 @@ OWNERS = {
     "xarray": {"studies"},
     "zarr": {"studies"},
     "optax": {"tuning", "papers", "report"},
-    **dict.fromkeys(["matplotlib", "tyro", "rich"], SCREEN),
+    **dict.fromkeys(["matplotlib", "tyro"], SCREEN),
+    "rich": SCREEN | {"studies"},
 }
 
 ROOTS = {"Module"}  # the one concrete base of everything, jaxobs/_module.py

@@ -11,6 +11,7 @@ from cases import DT, build
 import jaxobs
 from jaxobs import integrators, metrics, noise, observers, plants, signals
 from jaxobs._module import float_leaves
+from jaxobs.noise import drawn
 
 T = 12
 TS = DT * np.arange(T)
@@ -49,7 +50,7 @@ def test_a_flow_observer_sees_the_running_output_and_held_noise():
     lossy = noise.Sum((NOISE, noise.Dropout(0.3)))
     for source in (NOISE, lossy):
         made = run(noise=source, integrator=TIGHT)
-        w, _ = source.sample(jax.random.split(KEY)[0], jnp.asarray(TS), 1)
+        w, _ = drawn(source, jax.random.split(KEY)[0], jnp.asarray(TS), 1)
         assert (source is NOISE) == bool(made.valid.all())
         path = joint_loop(TS, np.asarray(w)[:, 0], np.asarray(made.valid)[:, 0])
         np.testing.assert_allclose(np.hstack([made.x, made.xhat]), path, atol=1e-8)
@@ -69,7 +70,7 @@ def test_the_innovation_may_be_held_instead():
 def test_an_uneven_grid_is_walked_as_it_is():
     ts = np.cumsum(0.05 + 0.1 * np.random.default_rng(5).random(T))
     made = run(ts=ts, integrator=TIGHT)
-    w, _ = NOISE.sample(jax.random.split(KEY)[0], jnp.asarray(ts), 1)
+    w, _ = drawn(NOISE, jax.random.split(KEY)[0], jnp.asarray(ts), 1)
     np.testing.assert_allclose(np.hstack([made.x, made.xhat]), joint_loop(ts, np.asarray(w)[:, 0]), atol=1e-8)
 
 

@@ -1,4 +1,4 @@
-"""The command line: `jaxobs demo`, `reproduce`, `certify`, `verify`, `bench`."""
+"""The command line: `jaxobs demo`, `reproduce`, `certify`, `verify`, `bench`, `study`."""
 
 import sys
 
@@ -9,9 +9,10 @@ from jaxobs.cli.bench import bench
 from jaxobs.cli.certify import certify
 from jaxobs.cli.demo import demo
 from jaxobs.cli.reproduce import reproduce
+from jaxobs.cli.study import study
 from jaxobs.cli.verify import verify
 
-COMMANDS = {"demo": demo, "reproduce": reproduce, "certify": certify, "verify": verify, "bench": bench}
+COMMANDS = {"demo": demo, "reproduce": reproduce, "certify": certify, "verify": verify, "bench": bench, "study": study}
 
 
 def main() -> None:

@@ -2,47 +2,23 @@
 
 import dataclasses
 import functools
-import inspect
 from typing import Any, Literal
 
 import numpy as np
 
 from jaxobs import plants
-from jaxobs._module import as_param, refuse
+from jaxobs._module import refuse
 from jaxobs.certificates.bounds import with_bounds
-from jaxobs.cli.reading import Integers, Matrix, Vector, unknown, words
+from jaxobs.cli.parts import Reader
+from jaxobs.cli.reading import Integers, Matrix, Vector
 from jaxobs.designs import Channels, NormBounded, lpv_model, midpoint_channels, slope_entries
 from jaxobs.designs.lpv_from import Lpv, lpv_from
 from jaxobs.designs.polytope import Polytope
-from jaxobs.integrators import Euler
 
 
 def plant_from(table: Any) -> Any:
     """[plant] name = "Pendulum" and its parameters; period = 0.1 makes the Euler model with that step of it."""
-    known: dict[str, Any] = {
-        name: one for name, one in vars(plants).items() if inspect.isclass(one) and not name.startswith("Abstract")
-    }
-    if not isinstance(table, dict) or not isinstance(table.get("name"), str):
-        raise refuse("config", "plant.name", repr(table), "the name of a plant", f"One of {', '.join(known)}.")
-    if table["name"] not in known:
-        raise unknown("plant.name", table["name"], list(known))
-    kind = known[table["name"]]
-    fields = {field.name: field for field in dataclasses.fields(kind)}
-    parameters = {name: given for name, given in table.items() if name not in ("name", "period")}
-    for name, given in parameters.items():
-        if name not in fields:
-            raise unknown(f"plant.{name}", name, [*fields, "period"])
-        if not isinstance(given, (int, float, list)) or isinstance(given, bool):
-            raise refuse("config", f"plant.{name}", repr(given), "a number or a list of numbers", "It is a parameter.")
-    for name, field in fields.items():
-        if name not in parameters and field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
-            raise refuse("config", f"plant.{name}", "nothing", "a value", f"{table['name']} has no default for it.")
-    plant = kind(**parameters)
-    if "period" not in table:
-        return plant
-    if type(table["period"]) not in (int, float):
-        raise refuse("config", "plant.period", repr(table["period"]), words(float), "It is the step of the Euler model.")
-    return plants.Discretised(plant, Euler(), as_param(float(table["period"])))
+    return Reader().part(plants.AbstractPlant, "a plant", table, "plant").build({}, {})
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,15 +1,19 @@
 """Noise that strikes now and then: outliers and dropouts; and sums of several kinds."""
 
+import math
+
 import jax
 import jax.numpy as jnp
 
 from jaxobs._module import Scalar, concrete, dtype_of, param, refuse, require_instance
+from jaxobs._random import normal, uniform
 from jaxobs.noise.base import AbstractNoise, additive, grid_shape
 
 
 class Outliers(AbstractNoise):
     """w_k = size * N(0, 1) with the given probability, else 0, independently in each output."""
 
+    memoryless = True
     probability: Scalar = param()
     size: Scalar = param()
 
@@ -19,13 +23,14 @@ class Outliers(AbstractNoise):
     def sample(self, key, ts, p):
         shape, dtype = grid_shape(self, ts, p)
         when, what = jax.random.split(key)
-        struck = jax.random.uniform(when, shape, dtype) < self.probability
-        return additive(jnp.where(struck, self.size * jax.random.normal(what, shape, dtype), 0))
+        struck = uniform(when, math.prod(shape), dtype).reshape(shape) < self.probability
+        return additive(jnp.where(struck, self.size * normal(what, math.prod(shape), dtype).reshape(shape), 0))
 
 
 class Dropout(AbstractNoise):
     """valid_k = False with the given probability, independently in each output; w = 0."""
 
+    memoryless = True
     probability: Scalar = param()
 
     def __check_init__(self):
@@ -33,13 +38,17 @@ class Dropout(AbstractNoise):
 
     def sample(self, key, ts, p):
         shape, dtype = grid_shape(self, ts, p)
-        return jnp.zeros(shape, dtype), jax.random.uniform(key, shape, dtype) >= self.probability
+        return jnp.zeros(shape, dtype), uniform(key, math.prod(shape), dtype).reshape(shape) >= self.probability
 
 
 class Sum(AbstractNoise):
     """The sum of several noises, each with its own stream; a sample is valid where all parts are."""
 
     parts: tuple[AbstractNoise, ...]
+
+    @property
+    def memoryless(self):
+        return all(part.memoryless for part in self.parts)
 
     def __check_init__(self):
         require_instance(self, "parts", self.parts, tuple | list, "Put the noises in a tuple: Sum((Gaussian(0.1), Bias(0.2))).")

@@ -1,0 +1,190 @@
+"""`jaxobs study`: a Monte Carlo study from a config file."""
+
+import contextlib
+import json
+import math
+import os
+import re
+import shlex
+import sys
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+from rich.console import Console
+
+from jaxobs.cli import screen
+
+
+def study(
+    config: Annotated[Path, tyro.conf.Positional],
+    store: Path | None = None,
+    part: str | None = None,
+    seeds: int | None = None,
+    precision: Literal["float64", "float32"] | None = None,
+    changes: Annotated[tuple[str, ...], tyro.conf.arg(name="set", metavar="KEY=VALUE"), tyro.conf.UseAppendAction] = (),
+    rows: int = 40,
+    as_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
+    devices: int | None = None,
+    chunk: int | None = None,
+    no_cache: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+) -> int:
+    """Every observer under every seed, from a config file; medians over the seeds on the screen, all numbers in the store.
+
+    The same command again computes only what is missing in the store. Ctrl-C stops after the chunk in flight.
+
+    Exit codes: 0 all that was asked for is computed (with --part: this share); 1 it failed under way, what was finished is in
+    the store; 2 the config, an option or the store does not fit, and nothing was computed; 130 stopped by Ctrl-C.
+
+    Args:
+        config: a TOML file: [plant], [observer] or [observers.LABEL], [signal], [noise], [disturbance], [time], [start],
+            [metrics], [run]; or the name of an example of the package (study_pendulum, study_mismatch, ...).
+        store: folder of the results (Zarr), made if missing; without it only the table is printed.
+        part: I/N computes share I of N (0/N to N-1/N) into the common store: one of the jobs of an array.
+        seeds: in the place of run.seeds.
+        precision: float64 or float32, in the place of run.precision.
+        changes: a key of the config with another value, --set observer.gamma=[2.0,4.0]; may be given several times.
+        rows: the most rows of the table; 40 fit on a screen.
+        as_json: print the table as JSON on standard output instead.
+        devices: CPU devices, one for each core if not given.
+        chunk: the largest number of lanes stored together; found by itself if not given.
+        no_cache: compile everything anew, and keep nothing of it.
+    """
+    from jaxobs.cli.certify import parse
+    from jaxobs.cli.study_config import override, study_config
+
+    settings = {"run.seeds": seeds, "run.precision": precision}
+    settings = tuple(f"{key}={value}" for key, value in settings.items() if value is not None)
+    try:
+        share = _share(part, store)
+        asked = study_config(override(parse(config, study=True), (*changes, *settings)))
+        for name, value in (("--rows", rows), ("--devices", devices), ("--chunk", chunk)):
+            if value is not None and value < 1:
+                raise ValueError(f"{name}: given {value}; expected a whole number >= 1.")
+        set_up(devices, cache=not no_cache)
+        with _warnings():
+            plant, families, arguments = asked.study()
+    except (OSError, ValueError) as error:
+        return _complain(f"{config}: {error}", 2)
+    return _Job(config, store, as_json, rows).run(plant, families, arguments | {"store": store, "part": share, "chunk": chunk})
+
+
+def set_up(devices: int | None, *, cache: bool) -> None:
+    """All cores, 64-bit numbers where they are asked for, and what JAX compiles kept for the next call."""
+    import jax
+
+    from jaxobs.studies.devices import compile_cache, use_all_cores
+
+    use_all_cores(devices)
+    jax.config.update("jax_enable_x64", True)  # a study in float32 has parts of float32
+    if cache and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        compile_cache()
+
+
+class _Job:
+    """One study: progress on the way, the table at the end."""
+
+    def __init__(self, config: Path, store: Path | None, as_json: bool, rows: int):
+        self.config, self.store, self.as_json, self.rows = config, store, as_json, rows
+        self.last: Any = None
+        self.begun = time.perf_counter()
+
+    def run(self, plant: Any, families: Any, arguments: dict[str, Any]) -> int:
+        from jaxobs.cli.study_config import named
+        from jaxobs.studies import study
+
+        def seen(now: Any) -> None:
+            self.last = now
+            if report is not None:
+                report(now)
+
+        try:
+            with _bar() as report, _warnings():
+                ds = study(plant, families, **arguments, progress=seen)
+        except KeyboardInterrupt as stop:
+            return self.stopped(stop, len(arguments["ts"]))
+        except (OSError, ValueError) as error:
+            note = "" if self.store is None or self.last is None else " What was finished is in the store."
+            return _complain(f"{self.config}: {named(str(error))}{note}", 2 if self.last is None else 1)
+        self.tell(ds, len(arguments["ts"]))
+        return 0
+
+    def stopped(self, stop: KeyboardInterrupt, steps: int) -> int:
+        """What is finished is kept in the store, or else shown."""
+        if (partial := getattr(stop, "dataset", None)) is not None and self.last is not None:
+            self.tell(partial, steps)
+        words = " ".join(sys.argv[1:]) if sys.argv[1:2] == ["study"] else f"study {shlex.quote(str(self.config))}"
+        for note in getattr(stop, "__notes__", []):
+            _say(note.partition(";")[0].removeprefix("study: ") + ".")
+        if self.store is None:
+            _say("Nothing is stored. With --store DIR the same command goes on where it stopped.")
+        else:
+            _say(f"To go on where it stopped: jaxobs {words}")
+        return 130
+
+    def tell(self, ds: Any, steps: int) -> None:
+        import jax
+
+        from jaxobs.cli.study_screen import show
+        from jaxobs.cli.study_table import summary
+
+        found = summary(ds, self.rows)
+        seconds = time.perf_counter() - self.begun
+        rate = None if self.last is None else self.last.rate
+        found |= {"steps": steps, "seconds": round(seconds, 3), "lane_steps_per_second": rate, "complete": bool(ds.complete)}
+        found |= {"precision": ds.precision, "devices": jax.device_count(), "backend": jax.default_backend()}
+        found |= {"store": None if self.store is None else str(self.store)}
+        if self.as_json:
+            print(json.dumps(_finite(found), indent=2, allow_nan=False))
+        else:
+            show(found, screen.console(stderr=False))
+
+
+def _finite(value: Any) -> Any:
+    """JSON has no infinity."""
+    if isinstance(value, dict):
+        return {name: _finite(one) for name, one in value.items()}
+    if isinstance(value, list):
+        return [_finite(one) for one in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _share(part: str | None, store: Path | None) -> tuple[int, int] | None:
+    """I/N."""
+    if part is None:
+        return None
+    found = re.fullmatch(r"(\d+)/(\d+)", part)
+    if found is None or int(found[1]) >= int(found[2]):
+        raise ValueError(f"--part: given {part!r}; expected I/N with 0 <= I < N. The third of eight jobs is 2/8.")
+    if store is None:
+        raise ValueError("--store: given nothing; expected a folder, in which the parts of the study meet.")
+    return int(found[1]), int(found[2])
+
+
+@contextlib.contextmanager
+def _bar() -> Iterator[Any]:
+    """What is given the progress: a bar on a terminal, else nothing."""
+    from jaxobs.studies.progress import reporter
+
+    with reporter(Console(stderr=True).is_terminal) as report:
+        yield report
+
+
+@contextlib.contextmanager
+def _warnings() -> Iterator[None]:
+    """Warnings as one line each."""
+    with warnings.catch_warnings():
+        warnings.showwarning = lambda message, *_: _say(f"warning: {message}", "yellow")
+        yield
+
+
+def _say(text: str, style: str | None = None) -> None:
+    Console(stderr=True).print(text, style=style, markup=False, highlight=False, soft_wrap=True)
+
+
+def _complain(text: str, code: int) -> int:
+    _say(text, "red")
+    return code

@@ -1,0 +1,106 @@
+"""How far a study is, and how it is stopped."""
+
+import contextlib
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+from jaxobs._module import refuse
+
+
+class Progress(NamedTuple):
+    """`done` of `total` lanes; `rate` in lane-steps per second and `left` in seconds, as far as this call has measured them."""
+
+    done: int
+    total: int
+    rate: float
+    left: float
+
+
+class Meter:
+    """Tells `report` how far the work is. Lanes that a store had already are done, but say nothing about the rate."""
+
+    def __init__(self, report: Callable[[Progress], Any] | None, total: int, done: int, steps: int):
+        self.report, self.total, self.done, self.steps = report, total, done, steps
+        self.computed, self.seconds = 0, 0.0
+
+    def add(self, lanes: int, seconds: float) -> None:
+        self.done, self.computed, self.seconds = self.done + lanes, self.computed + lanes, self.seconds + seconds
+        if self.report is not None:
+            rate = self.computed / max(self.seconds, 1e-9)
+            self.report(Progress(self.done, self.total, rate * self.steps, (self.total - self.done) / rate))
+
+
+def check_progress(progress: Any) -> None:
+    if not (progress is None or isinstance(progress, bool) or callable(progress)):
+        fix = "True shows a bar; a function is called with each Progress."
+        raise refuse("study", "progress", repr(progress), "None, True or a function", fix)
+
+
+@contextlib.contextmanager
+def reporter(progress: Any) -> Iterator[Callable[[Progress], Any] | None]:
+    """None or False: quiet. True: a bar on the screen. A function: it is given a Progress after each piece of work."""
+    if progress is True:
+        with _bar() as report:
+            yield report
+    else:
+        yield progress or None
+
+
+@contextlib.contextmanager
+def _bar() -> Iterator[Callable[[Progress], None]]:
+    from rich import progress as bars
+    from rich.console import Console
+
+    columns = (bars.BarColumn(), bars.MofNCompleteColumn(), bars.TextColumn("lanes  {task.description}"))
+    with bars.Progress(*columns, console=Console(stderr=True)) as screen:
+        task = screen.add_task("", total=None)
+
+        def report(now: Progress) -> None:
+            words = f"{now.rate:.3g} lane-steps/s  {_clock(now.left)} left"
+            screen.update(task, completed=now.done, total=now.total, description=words)
+
+        yield report
+
+
+def _clock(seconds: float) -> str:
+    hours, rest = divmod(round(seconds), 3600)
+    return f"{hours}:{rest // 60:02d}:{rest % 60:02d}"
+
+
+class Stop:
+    """Within it the first Ctrl-C sets `asked`, the second is a KeyboardInterrupt at once; after it all is as before.
+
+    Only the main thread receives signals: elsewhere, or where Ctrl-C is ignored, nothing is changed.
+    """
+
+    def __init__(self):
+        self.asked, self.before = False, None
+
+    def __enter__(self) -> "Stop":
+        if threading.current_thread() is threading.main_thread():
+            before = signal.getsignal(signal.SIGINT)
+            if before is not signal.SIG_IGN and before is not None:
+                self.before = before
+                signal.signal(signal.SIGINT, self._receive)
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        if self.before is not None:
+            signal.signal(signal.SIGINT, self.before)
+
+    def _receive(self, number: int, where: Any) -> None:
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
+        print("Stopping after the chunk in flight; Ctrl-C again stops at once.", file=sys.stderr)
+
+
+def wait(arrays: list[Any]) -> None:
+    """Until all are computed. A thread that waits inside JAX hears no signal, so it looks now and then instead."""
+    start = time.perf_counter()
+    while not all(array.is_ready() for array in arrays if hasattr(array, "is_ready")):
+        time.sleep(min(max((time.perf_counter() - start) / 50, 2e-5), 0.02))
