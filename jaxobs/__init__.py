@@ -44,8 +44,11 @@ if TYPE_CHECKING:
     from jaxobs.studies import Family as Family
     from jaxobs.studies import Seeds as Seeds
     from jaxobs.studies import grid as grid
+    from jaxobs.studies import mean_gradient as mean_gradient
     from jaxobs.studies import over as over
+    from jaxobs.studies import compile_cache as compile_cache
     from jaxobs.studies import study as study
+    from jaxobs.studies import use_all_cores as use_all_cores
     from jaxobs.studies import variants as variants
     # fmt: on
 
@@ -64,13 +67,16 @@ _NAMES = {
     "astype": "_module",
     "differentiate": "_differentiate",
     "grid": "studies",
+    "mean_gradient": "studies",
     "observe": "_observe",
     "over": "studies",
     "param": "_module",
     "score": "_simulate",
     "simulate": "_simulate",
     "static": "_module",
+    "compile_cache": "studies",
     "study": "studies",
+    "use_all_cores": "studies",
     "variants": "studies",
 }
 

@@ -37,6 +37,7 @@ OWNERS = {
     "flint": {"intervals"},
     "xarray": {"studies"},
     "zarr": {"studies"},
+    **dict.fromkeys(["distributed", "cloudpickle"], {"studies"}),
     "optax": {"tuning", "papers", "report"},
     **dict.fromkeys(["matplotlib", "tyro"], SCREEN),
     "rich": SCREEN | {"studies"},

@@ -214,7 +214,7 @@ def test_ctrl_c_stops_after_the_chunk_and_twice_at_once(whole, times, finished, 
     assert int(partial.diverged_at.notnull().sum()) == finished
     assert not partial.attrs["complete"]
     np.testing.assert_array_equal(partial.rmse.isel(gamma=0), whole.rmse.isel(gamma=0))
-    assert any("`dataset`" in note for note in caught.value.__notes__)
+    assert any(f"{finished} of 24 lanes" in note and "`dataset`" in note for note in caught.value.__notes__)
 
 
 def test_ctrl_c_with_a_store_goes_on_where_it_stopped(whole, tmp_path):

@@ -201,7 +201,7 @@ class Reader:
             fits = type(given) in (int, float) if kind is float else type(given) is kind
             if not fits:
                 raise refuse("config", where, repr(given), self._words(kind), self._why(kind, given))
-            return kind(given)
+            return float(given) if kind is float else given
         inner = typing.get_args(kind)[:1]
         if inner and inspect.isclass(inner[0]) and issubclass(inner[0], Module):
             if not isinstance(given, list):
@@ -220,7 +220,7 @@ class Reader:
         if depth is not None and (depth <= 2 if dims == "..." else depth == rank):
             return given
         if depth is not None and depth == rank + 1 and dims != "..." and self.numbers and len(given) > 0:
-            return _distinct(Several(where, given))
+            return _distinct(Several(where, list(given)))
         raise refuse("config", where, repr(given), expected, self._why(float, given))
 
     def _words(self, kind: Any) -> str:

@@ -32,18 +32,16 @@ def study(
     chunk: int | None = None,
     no_cache: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> int:
-    """Every observer under every seed, from a config file; medians over the seeds on the screen, all numbers in the store.
-
-    The same command again computes only what is missing in the store. Ctrl-C stops after the chunk in flight.
-
-    Exit codes: 0 all that was asked for is computed (with --part: this share); 1 it failed under way, what was finished is in
-    the store; 2 the config, an option or the store does not fit, and nothing was computed; 130 stopped by Ctrl-C.
+    """A Monte Carlo study from a config file: medians over the seeds on the screen, all numbers in the store. Exit code 0 if
+    all that was asked for is computed, 1 if it failed under way, 2 if the config or the store does not fit, 130 if stopped.
 
     Args:
-        config: a TOML file: [plant], [observer] or [observers.LABEL], [signal], [noise], [disturbance], [time], [start],
-            [metrics], [run]; or the name of an example of the package (study_pendulum, study_mismatch, ...).
+        config: a TOML file, or an example of the package: study_pendulum, study_mismatch, study_chain, study_tracker.
+            Sections: [plant], [observer] or [observers.LABEL], [signal], [noise], [disturbance], [time], [start],
+            [metrics], [run]. A list in the place of a number makes an axis.
         store: folder of the results (Zarr), made if missing; without it only the table is printed.
-        part: I/N computes share I of N (0/N to N-1/N) into the common store: one of the jobs of an array.
+            The same command again computes only what is missing there. Ctrl-C stops after the chunk in flight.
+        part: I/N computes share I of N (0/N to N-1/N) into the common store: one job of an array.
         seeds: in the place of run.seeds.
         precision: float64 or float32, in the place of run.precision.
         changes: a key of the config with another value, --set observer.gamma=[2.0,4.0]; may be given several times.
@@ -54,7 +52,8 @@ def study(
         no_cache: compile everything anew, and keep nothing of it.
     """
     from jaxobs.cli.certify import parse
-    from jaxobs.cli.study_config import override, study_config
+    from jaxobs.cli.override import override
+    from jaxobs.cli.study_config import study_config
 
     settings = {"run.seeds": seeds, "run.precision": precision}
     settings = tuple(f"{key}={value}" for key, value in settings.items() if value is not None)

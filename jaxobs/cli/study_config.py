@@ -2,7 +2,6 @@
 
 import dataclasses
 import re
-import tomllib
 from collections.abc import Mapping
 from typing import Any, Literal
 
@@ -170,27 +169,6 @@ def study_config(tables: dict[str, Any]) -> StudyConfig:
     return config
 
 
-def override(tables: dict[str, Any], settings: tuple[str, ...]) -> dict[str, Any]:
-    """The tables with `observer.gamma=[2.0, 4.0]` set: values as in TOML, texts also without quotes."""
-    for setting in settings:
-        key, sign, text = setting.partition("=")
-        if not sign or not key.strip():
-            raise refuse("--set", setting, repr(setting), "KEY=VALUE", "For example --set observer.gamma=[2.0,4.0].")
-        *path, last = key.strip().split(".")
-        place: Any = tables
-        for i, name in enumerate(path):
-            if isinstance(place, list) and name.isdecimal() and int(name) < len(place):
-                place = place[int(name)]
-            elif isinstance(place, dict):
-                place = place.setdefault(name, {})
-            if not isinstance(place, dict | list):
-                raise refuse("--set", key, repr(place), f"a table at {'.'.join(path[: i + 1])}", "Set that key itself.")
-        if not isinstance(place, dict):
-            raise refuse("--set", key, "a list of tables", "the number of one", f"Write {'.'.join(path)}.0.{last}=...")
-        place[last] = _value(key, text.strip())
-    return tables
-
-
 def named(message: str) -> str:
     """An error of jaxobs.study under the key of the config."""
     found = re.match(r"study\.(\w+): ", message)
@@ -199,17 +177,6 @@ def named(message: str) -> str:
     if found[1] in ("store", "chunk", "part"):
         return f"--{found[1]}: {message[found.end() :]}"
     return f"config.{ARGUMENTS.get(found[1], found[1])}: {message[found.end() :]}"
-
-
-def _value(key: str, text: str) -> Any:
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        if re.fullmatch(r"[A-Za-z][\w.-]*", text):
-            return text
-        raise refuse(
-            "--set", key, repr(text), "a value as in TOML", "A number, a list in brackets, a text in quotes."
-        ) from None
 
 
 def _table(given: Any, where: str) -> dict[str, Any]:
@@ -238,7 +205,7 @@ def _model(plant: Part, table: Mapping[str, Any], where: str, own: Any) -> dict[
     own = {"name": own} if isinstance(own, str) else _table(own, where)
     if "name" in own:
         return own
-    nominal = {"name": table} if isinstance(table, str) else dict(table)
+    nominal: dict[str, Any] = {"name": table} if isinstance(table, str) else dict(table)
     for leaf, one in plant.axes():
         key = leaf.removeprefix("plant.") if "period" in nominal else leaf
         if one.nominal is not None and "." not in key:
@@ -295,7 +262,7 @@ def _check_seeds(config: StudyConfig) -> None:
             raise refuse("config", f"run.{name}", value, "a whole number >= 1", "It counts.")
     leaves = {}
     for label, observer in config.observers.items():
-        leaves[label] = {name: one for name, one in observer.axes()}
+        leaves[label] = dict(observer.axes())
         first = next(iter(leaves.values()))
         for name in first | leaves[label]:
             theirs, ours = first.get(name), leaves[label].get(name)

@@ -19,7 +19,11 @@ def show(found: dict[str, Any], console: Console) -> None:
         [*map(_text, row["at"].values()), *([str(row["runs"])] if incomplete else []), str(row["diverged"])] for row in rows
     ]
     one = found["axes"].get("seed", 1) == 1
-    columns = {label: [_cell(row["values"][label], one=one) for row in rows] for label in rows[0]["values"]}
+    seconds = {label for label in rows[0]["values"] if found["units"][label.partition("[")[0]] == "s"}
+    columns = {
+        label + " (s)" * (label in seconds): [_cell(row["values"][label], one=one) for row in rows]
+        for label in rows[0]["values"]
+    }
     room, fitting = console.width - sum(_width(name, [row[i] for row in body]) for i, name in enumerate(header)), []
     for label, texts in columns.items():
         room -= _width(label, texts)
@@ -53,10 +57,9 @@ def _remarks(found: dict[str, Any], unfitting: list[str]) -> list[str]:
     if found["computed"] < found["lanes"]:
         words.append(f"computed so far: {found['computed']:,} of {found['lanes']:,} lanes")
     words.append(f"diverged: {found['diverged']:,} of {found['computed']:,} lanes")
-    rate, seconds = found["lane_steps_per_second"], found["seconds"]
-    where = f"{found['devices']} {found['backend']} device{'s' if found['devices'] > 1 else ''}"
-    fast = "nothing was left to compute" if rate is None else f"{rate:.3g} lane-steps/s with compilation on {where}"
-    words.append(f"time: {seconds:.1f} s; {fast}")
+    rate, where = found["lane_steps_per_second"], f"{found['devices']} {found['backend']} device(s)"
+    work = "nothing was left to compute" if rate is None else f"compilation included; {rate:.3g} lane-steps/s on {where}"
+    words.append(f"time: {found['seconds']:.1f} s, {work}")
     if found["store"] is not None:
         words.append(f"stored: {found['store']}; open it with jaxobs.studies.open_study({found['store']!r})")
     return words

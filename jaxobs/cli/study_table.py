@@ -34,6 +34,7 @@ def summary(ds: Any, limit: int) -> dict[str, Any]:
         "diverged": diverged,
         "shown": {name: [len(chosen), points[name]] for name, chosen in shown.items() if len(chosen) < points[name]},
         "seeds_shown": min(axes.get("seed", 1), AT_ONCE),
+        "units": {name: ds[name].attrs.get("units", "unknown") for name in names},
         "left_out": {name: size for name, size in sizes.items() if size > WIDE},
     }
 

@@ -23,14 +23,19 @@ def largest_step(poles: np.ndarray, order: int) -> float:
     stable = np.asarray(poles, complex)[np.real(poles) < 0]
     if not stable.size:
         return math.inf
-    coefficients = [1 / math.factorial(k) for k in range(order, -1, -1)]
     low, high = 0.0, 4 * order / float(np.min(np.abs(stable)))
     for _ in range(BISECTIONS):
         middle = (low + high) / 2
-        # An error of rounding above 1 is what the neighbourhood of h = 0 has.
-        holds = np.max(np.abs(np.polyval(coefficients, middle * stable))) <= 1 + 1e-12
-        low, high = (middle, high) if holds else (low, middle)
+        low, high = (middle, high) if is_stable(poles, middle, order) else (low, middle)
     return low
+
+
+def is_stable(poles: np.ndarray, step: float, order: int) -> bool:
+    """Whether |R(h s)| <= 1 at all poles s with Re s < 0, h = step."""
+    stable = np.asarray(poles, complex)[np.real(poles) < 0]
+    coefficients = [1 / math.factorial(k) for k in range(order, -1, -1)]
+    # An error of rounding above 1 is what the neighbourhood of h = 0 has.
+    return bool(np.all(np.abs(np.polyval(coefficients, step * stable)) <= 1 + 1e-12))
 
 
 def warn_step(owner: str, part: Module, integrator: Any, dt: Any) -> None:
@@ -39,6 +44,8 @@ def warn_step(owner: str, part: Module, integrator: Any, dt: Any) -> None:
     if poles is None or order is None or step is None or (known := poles()) is None:
         return
     substeps = getattr(integrator, "substeps", 1)
+    if is_stable(known, float(step) / substeps, order):
+        return
     longest = largest_step(known, order)
     if float(step) / substeps > longest * (1 + 1e-6):
         name, need = type(integrator).__name__, math.ceil(float(step) / longest)

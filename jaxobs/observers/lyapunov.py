@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from jaxobs._module import Module, Numbers, Scalar, as_param, concrete, param, refuse, require_positive, require_shape
 from jaxobs.integrators import RK4, AbstractIntegrator, Field
-from jaxobs.linalg import triangularise
+from jaxobs.linalg import expm, triangularise
 from jaxobs.observers.base import AbstractFlowObserver, AbstractModelled, AbstractStepObserver
 from jaxobs.plants import AbstractBlockTriangular, AbstractChain, AbstractStateAffine, AbstractTriangular
 
@@ -111,7 +111,7 @@ class StepLyapunov(AbstractModelled, AbstractStepObserver):
         """F^-1 = e^{-A(u) dt}; a finite sum where A(u) is nilpotent by its form."""
         a, _ = self.model.pair(u)
         if isinstance(self.model, AbstractStateAffine):
-            return jax.scipy.linalg.expm(-self.dt * a)
+            return expm(-self.dt * a)
         term = total = jnp.eye(self.n, dtype=a.dtype)
         for k in range(1, self.n):
             term = -self.dt / k * (term @ a)

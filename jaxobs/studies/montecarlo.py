@@ -82,8 +82,11 @@ def study(
         disturbance=disturbance, integrator=integrator, hold_innovation=hold_innovation, save=save,
     )  # fmt: skip
     plan = make_plan(groups, shape_axes, chunk)
-    if part is None and jax.process_count() > 1:
-        part = (jax.process_index(), jax.process_count())
+    if part is None and (workers := jax.process_count()) > 1:
+        if store is None:
+            fix = "Each computes its part of the study, and they meet there; without one give part=."
+            raise refuse("study", "store", "None", f"a folder that all {workers} processes see", fix)
+        part = (jax.process_index(), workers)
     parts_of(plan, part or (0, 1))
     plan, pieces, sink = _prepared(plan, config(groups, shape_axes), store, budget, tile)
     mine = parts_of(plan, part or (0, 1))
@@ -137,24 +140,26 @@ def _piece(plan: Plan, lane: Lane, given: int | None, tile: int) -> int:
 
 def _work(plan: Plan, todo: list[int], sink: Any, pieces: list[int], tile: int, meter: Meter, store: Any) -> None:
     run: Any = None
-    current = -1
+    current, kept, new = -1, meter.done, True
     with Stop() as stop:
         try:
             for count, index in enumerate(todo):
                 chunk = plan[index]
                 if chunk.group != current:
-                    current = chunk.group
+                    current, new = chunk.group, True
                     run = compile_group(plan.groups[current], chunk=pieces[current], tile=whole_registers(tile))
-                sink.write(index, chunk.region, block(plan, chunk, _compute(run, chunk, pieces[current], meter)))
+                results = _compute(run, chunk, pieces[current], meter, new)
+                sink.write(index, chunk.region, block(plan, chunk, results))
+                kept, new = kept + chunk.count, False
                 if stop.asked and count + 1 < len(todo):
                     raise KeyboardInterrupt
         except KeyboardInterrupt as error:
-            kept = f"{meter.done} of {meter.total} lanes are finished"
+            words = f"{kept} of {meter.total} lanes are finished"
             if store is None:
                 error.dataset = sink.dataset()  # pyright: ignore[reportAttributeAccessIssue]: for who catches it
-                error.add_note(f"study: {kept}; they are in this exception's `dataset`. With store=DIR the call would go on.")
+                error.add_note(f"study: {words}; they are in this exception's `dataset`. With store=DIR the call would go on.")
             else:
-                error.add_note(f"study: {kept} and kept in {store}; the same call goes on from there.")
+                error.add_note(f"study: {words} and kept in {store}; the same call goes on from there.")
             raise
 
 
@@ -163,7 +168,7 @@ def whole_registers(tile: int) -> int:
     return LEAST * 2 ** max(0, math.ceil(math.log2(tile / LEAST)))
 
 
-def _compute(run: Any, chunk: Chunk, piece: int, meter: Meter) -> dict[str, np.ndarray]:
+def _compute(run: Any, chunk: Chunk, piece: int, meter: Meter, new: bool) -> dict[str, np.ndarray]:
     """The results of a chunk, piece by piece. Lanes beyond its end are computed with the last piece and left out."""
     found: list[dict[str, np.ndarray]] = []
     for start in range(chunk.start, chunk.start + chunk.count, piece):
@@ -172,5 +177,5 @@ def _compute(run: Any, chunk: Chunk, piece: int, meter: Meter) -> dict[str, np.n
         wait(list(out.values()))
         lanes = min(piece, chunk.start + chunk.count - start)
         found.append({name: np.asarray(array)[:lanes] for name, array in out.items()})
-        meter.add(lanes, time.perf_counter() - begun)
+        meter.add(lanes, time.perf_counter() - begun, compiled=new and not found[1:])
     return found[0] if len(found) == 1 else {name: np.concatenate([f[name] for f in found]) for name in found[0]}

@@ -60,7 +60,7 @@ def lane_of(group: Group) -> Lane:
         outputs |= {"x": path, "xhat": path}
     sources = [family.observer for family in (group.world.noise, group.world.disturbance) if family is not None]
     samples = min(BLOCK, len(group.ts)) if all(source.memoryless for source in sources) else len(group.ts)
-    each = 2 * _bytes(outputs) + 12 * len(group.shape)
+    each = 3 * _bytes(outputs) + 16 + 16 * len(group.shape)  # on the device, on the host, in the data set; lane numbers
     return Lane(outputs, each, 2 * _bytes(outputs) + 3 * _bytes(carry) + _bytes(fixed) + 3 * samples * _bytes(drawn))
 
 

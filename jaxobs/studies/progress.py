@@ -21,16 +21,20 @@ class Progress(NamedTuple):
 
 
 class Meter:
-    """Tells `report` how far the work is. Lanes that a store had already are done, but say nothing about the rate."""
+    """Tells `report` how far the work is. Lanes that a store had already are done, but say nothing about the rate; neither do,
+    once there are others, pieces that came with a compilation."""
 
     def __init__(self, report: Callable[[Progress], Any] | None, total: int, done: int, steps: int):
         self.report, self.total, self.done, self.steps = report, total, done, steps
-        self.computed, self.seconds = 0, 0.0
+        self.measured: dict[bool, tuple[int, float]] = {}  # compiled with it or not -> lanes, seconds
 
-    def add(self, lanes: int, seconds: float) -> None:
-        self.done, self.computed, self.seconds = self.done + lanes, self.computed + lanes, self.seconds + seconds
+    def add(self, lanes: int, seconds: float, *, compiled: bool) -> None:
+        before, spent = self.measured.get(compiled, (0, 0.0))
+        self.measured[compiled] = (before + lanes, spent + seconds)
+        self.done += lanes
         if self.report is not None:
-            rate = self.computed / max(self.seconds, 1e-9)
+            computed, spent = self.measured.get(False) or self.measured[True]
+            rate = computed / max(spent, 1e-9)
             self.report(Progress(self.done, self.total, rate * self.steps, (self.total - self.done) / rate))
 
 

@@ -36,16 +36,18 @@ CALLS = {  # primitives that only call a function: where they keep it
     "custom_vjp_call_jaxpr": "fun_jaxpr",
 }  # fmt: skip
 
-ELEMENTWISE = frozenset(
-    "abs acos acosh add add_any and asin asinh atan atan2 atanh bitcast_convert_type cbrt ceil clamp convert_element_type copy "
-    "copy_p cos cosh digamma div eq erf erf_inv erfc exp exp2 expm1 floor ge gt igamma igammac integer_pow is_finite le lgamma "
-    "log log1p logistic lt max min mul ne neg nextafter not or pow rem round rsqrt select_n shift_left shift_right_arithmetic "
-    "shift_right_logical sign sin sinh sqrt square stop_gradient sub tan tanh xor".split()  # noqa: SIM905
-)
-MOVES = frozenset(  # their outputs are entries of their data; the other inputs are positions
-    "broadcast_in_dim concatenate dynamic_slice dynamic_update_slice expand_dims gather pad reshape rev scatter slice squeeze "
-    "split stack transpose".split()  # noqa: SIM905
-)
+_ELEMENTWISE = """
+    abs acos acosh add add_any and asin asinh atan atan2 atanh bitcast_convert_type cbrt ceil clamp convert_element_type copy
+    copy_p cos cosh digamma div eq erf erf_inv erfc exp exp2 expm1 floor ge gt igamma igammac integer_pow is_finite le lgamma
+    log log1p logistic lt max min mul ne neg nextafter not or pow rem round rsqrt select_n shift_left shift_right_arithmetic
+    shift_right_logical sign sin sinh sqrt square stop_gradient sub tan tanh xor
+"""
+_MOVES = """
+    broadcast_in_dim concatenate dynamic_slice dynamic_update_slice expand_dims gather pad reshape rev scatter slice squeeze
+    split stack transpose
+"""
+ELEMENTWISE = frozenset(_ELEMENTWISE.split())
+MOVES = frozenset(_MOVES.split())  # their outputs are entries of their data; the other inputs are positions
 DATA = {"gather": 1, "dynamic_slice": 1, "dynamic_update_slice": 2}  # so many of the inputs are data; elsewhere all of them
 REDUCTIONS = {
     "reduce_sum": "add", "reduce_prod": "mul", "reduce_max": "max", "reduce_min": "min", "reduce_and": "and", "reduce_or": "or",

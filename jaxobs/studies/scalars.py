@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend import core
 
+from jaxobs.studies import scalar_linalg
 from jaxobs.studies.scalar_rules import CALLS, Entries, Rule, rule_of
 
 WHOLE = 64  # arrays with more entries stay arrays
@@ -135,7 +136,8 @@ def _input(atom: Any, program: Program, env: dict[Any, Value]) -> Value:
 
 def apply(equation: Equation, given: list[Value], lanes: int) -> list[Value]:
     """By its rule where all inputs and outputs are small, through vmap otherwise."""
-    rule: Rule | None = rule_of(equation.primitive.name)
+    name = equation.primitive.name
+    rule: Rule | None = rule_of(name) or scalar_linalg.RULES.get(name)
     if rule is not None and all(var.aval.size <= WHOLE for var in equation.outputs):
         entries = [one for one in map(small, given) if isinstance(one, Entries)]
         result = rule(equation, entries, lanes) if len(entries) == len(given) else None

@@ -16,8 +16,8 @@ from jaxobs.studies.tile import Traced
 class Sensitive:
     """The programs of a lane, and which leaves of `fixed` and of `carry` the parameters reach; the rest has no derivative.
 
-    `names` are the parameters: leaves of the observer by their dotted names. A leaf of `fixed` that is a parameter itself has
-    its number in `direct`.
+    `names` are the parameters: leaves of the observer by their dotted names.
+    `directions` has one unit vector for each number.
     """
 
     def __init__(self, members: Members, grid: Grid, hold_innovation: bool, names: tuple[str, ...]):
@@ -36,7 +36,7 @@ class Sensitive:
         hit = scalars.lane_variables(step.equations, start, ahead)
         self.fixed = [i for i, one in enumerate(fixed) if one in hit and _smooth(one)]
         self.carry = [i for i, one in enumerate(states) if one in hit and _smooth(one)]
-        self.direct = {i: given.index(setup.outputs[i]) for i in self.fixed if _is_any(setup.outputs[i], given)}
+        self.directions = units(self.values(self.traced.arrays))
 
     def values(self, arrays: Any) -> list[Any]:
         """The parameters among the arrays of the members."""
@@ -47,7 +47,7 @@ class Sensitive:
         """parameters -> the reached leaves of fixed and of carry, at the start of the lane with this index."""
 
         def of(values: list[Any]) -> tuple[list[Any], list[Any]]:
-            lane = self.traced._setup(_with(arrays, self.where, values), index)
+            lane = self.traced._setup(replaced(arrays, self.where, values), index)
             return pick(lane.fixed, self.fixed), pick(lane.carry, self.carry)
 
         return of
@@ -56,7 +56,7 @@ class Sensitive:
         """Reached leaves of fixed and carry -> (those of the next carry, (next carry, output))."""
 
         def of(some_fixed: list[Any], some_carry: list[Any]) -> tuple[list[Any], tuple[Any, Any]]:
-            given = _with(fixed, self.fixed, some_fixed), _with(carry, self.carry, some_carry)
+            given = replaced(fixed, self.fixed, some_fixed), replaced(carry, self.carry, some_carry)
             after, out = self.traced._step(*given, time, drawn)
             return pick(after, self.carry), (after, out)
 
@@ -64,7 +64,7 @@ class Sensitive:
 
     def end(self, carry: Any, of: Callable[[dict[str, Any]], Any]) -> Callable[[list[Any]], Any]:
         """Reached leaves of the last carry -> of(results)."""
-        return lambda some: of(self.traced.results(_with(carry, self.carry, some)))
+        return lambda some: of(self.traced.results(replaced(carry, self.carry, some)))
 
     def shapes(self, part: str) -> list[Any]:
         """Of the reached leaves of "fixed" or "carry"."""
@@ -72,34 +72,28 @@ class Sensitive:
 
 
 def pick(tree: Any, which: Sequence[int]) -> list[Any]:
+    """The leaves with these numbers."""
     leaves = jax.tree.leaves(tree)
     return [leaves[i] for i in which]
 
 
-def _with(tree: Any, which: Sequence[int], values: Sequence[Any]) -> Any:
+def replaced(tree: Any, which: Sequence[int], values: Sequence[Any]) -> Any:
+    """The tree with these values at the given leaves."""
     leaves, structure = jax.tree.flatten(tree)
     for i, value in zip(which, values, strict=True):
         leaves[i] = value
     return jax.tree.unflatten(structure, leaves)
 
 
-def units(shapes: Sequence[Any]) -> list[list[np.ndarray]]:
-    """For each number of these arrays, in order: the arrays that have one there and zero elsewhere."""
-    found = []
-    for i, one in enumerate(shapes):
-        for j in range(one.size):
-            unit = [np.zeros(other.shape, other.dtype) for other in shapes]
-            unit[i].reshape(-1)[j] = 1
-            found.append(unit)
-    return found
+def units(arrays: Sequence[Any]) -> list[np.ndarray]:
+    """The identity on the numbers of these arrays, (P, *shape) for each."""
+    sizes = [one.size for one in arrays]
+    parts = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1], axis=1)
+    return [part.reshape(-1, *one.shape).astype(one.dtype) for part, one in zip(parts, arrays, strict=True)]
 
 
 def _smooth(variable: Any) -> bool:
     return jnp.issubdtype(variable.aval.dtype, jnp.floating)
-
-
-def _is_any(atom: Any, variables: Sequence[Any]) -> bool:
-    return isinstance(atom, scalars.Variable) and atom in variables
 
 
 def _dotted(path: Any) -> str:

@@ -1,71 +1,161 @@
-"""Forward mode: the derivatives in a few directions move with each lane, as more entries of the same loop."""
+"""Forward mode: derivatives in a few directions move with each lane, in the same loop."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from jaxobs.studies import scalars
-from jaxobs.studies.sensitive import Sensitive, pick, units
-from jaxobs.studies.tile import Lane
+from jaxobs.studies.scalar_rules import is_constant
+from jaxobs.studies.scalars import Equation, Program, Value, Variable
+from jaxobs.studies.sensitive import Sensitive, pick
+from jaxobs.studies.tile import Noise, Pack, set_up
+
+Of = Callable[[dict[str, Any]], Any]
 
 
 class Tangents:
-    """A lane with d carry / d p_i beside its carry, i = 1, ..., P: what `run_tile` takes in place of `Traced`.
+    """One step of a lane with its derivative in one direction, as a program.
 
-        dc_i+ = (D_c step) dc_i + (D_f step) df_i
+        c+ = step(f, c),    dc+ = (D_c step) dc + (D_f step) df
 
-    for the carry c and what is fixed, f; the step is linearised once for all directions. What the parameters do not reach (the
-    true plant, the noise, counts) has no tangent. A parameter itself has a unit tangent, whose zeros cost nothing.
+    for what is fixed, f, and what is carried, c; only what the parameters reach has a derivative. The step is linearised once
+    for all directions.
     """
 
-    def __init__(self, sensitive: Sensitive, of: Callable[[dict[str, Any]], Any]):
-        self.sensitive, self.of, traced = sensitive, of, sensitive.traced
-        self.members, self.grid, self.arrays, self.rest = traced.members, traced.grid, traced.arrays, traced.rest
-        self.samples, self.block = traced.samples, traced.block
-        self.directions = units(sensitive.values(traced.arrays))
-        self.derived = [k for k, i in enumerate(sensitive.fixed) if i not in sensitive.direct]
-        index = tuple(jnp.zeros((), jnp.int32) for _ in self.members.shape)
-        self.setup, self.lane = scalars.trace(self._setup, self.arrays, index)
-        ts = jax.ShapeDtypeStruct((self.block,), self.grid.ts.dtype)
-        k, t = jax.ShapeDtypeStruct((), jnp.int32), jax.ShapeDtypeStruct((), ts.dtype)
-        self.draw, drawn = scalars.trace(self._draw, self.lane.fixed, self.lane.keys, ts, k)
-        at = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), drawn)
-        self.step, _ = scalars.trace(self._step, self.lane.fixed, self.lane.carry, (k, t, t), at)
+    def __init__(self, sensitive: Sensitive):
+        self.sensitive, traced = sensitive, sensitive.traced
+        step = traced.step
+        shapes = [jax.ShapeDtypeStruct(var.aval.shape, var.aval.dtype) for var in step.inputs]
+        fixed, carry = traced.lane.fixed, traced.lane.carry
+        k, t, dt = shapes[-6:-3]
+        given = (fixed, carry, (k, t, dt), traced.at)
+        self.program, _ = scalars.trace(self._step, given, sensitive.shapes("fixed"), sensitive.shapes("carry"))
+        tangents = len(sensitive.fixed) + len(sensitive.carry)
+        self.inputs, moving = self.program.inputs[:-tangents], self.program.inputs[-tangents:]
+        self.fixed, self.carry = moving[: len(sensitive.fixed)], moving[len(sensitive.fixed) :]
+        self.outputs = self.program.outputs[: -len(sensitive.carry)]
+        self.ahead = dict(zip(self.carry, self.program.outputs[-len(sensitive.carry) :], strict=True))
 
-    def _setup(self, arrays: Any, index: Any) -> Lane:
-        sensitive = self.sensitive
-        lane = sensitive.traced._setup(arrays, index)
-        _, push = jax.linearize(sensitive.setup(arrays, index), sensitive.values(arrays))
-        fixed, carry = [], []
-        for direction in self.directions:
-            one_fixed, one_carry = push([jnp.asarray(one) for one in direction])
-            fixed.append([one_fixed[k] for k in self.derived])
-            carry.append(one_carry)
-        return Lane((lane.fixed, fixed), lane.keys, (lane.carry, carry))
+    def _step(self, given: Any, fixed: list[Any], carry: list[Any]) -> tuple[Any, Any]:
+        start = pick(given[0], self.sensitive.fixed), pick(given[1], self.sensitive.carry)
+        _, push, (after, _) = jax.linearize(self.sensitive.step(*given), *start, has_aux=True)
+        return after, push(fixed, carry)
 
-    def _draw(self, fixed: Any, keys: Any, ts: Any, block: Any) -> Any:
-        return self.sensitive.traced._draw(fixed[0], keys, ts, block)
 
-    def _step(self, fixed: Any, carry: Any, time: Any, drawn: Any) -> tuple[Any, Any]:
-        (fixed, derived), (carry, moving) = fixed, carry
-        sensitive = self.sensitive
-        start = pick(fixed, sensitive.fixed), pick(carry, sensitive.carry)
-        _, push, (after, out) = jax.linearize(sensitive.step(fixed, carry, time, drawn), *start, has_aux=True)
-        pushed = []
-        for direction, some, dots in zip(self.directions, derived, moving, strict=True):
-            known = dict(zip(self.derived, some, strict=True))
-            fixed_dots = [
-                known[k] if k in known else jnp.asarray(direction[sensitive.direct[i]])
-                for k, i in enumerate(sensitive.fixed)
-            ]
-            pushed.append(push(fixed_dots, dots))
-        return (after, pushed), out
+def run_tangents(tangents: Tangents, indices: Any, of: Of) -> dict[str, Any]:
+    """value (lanes,), gradient (lanes, P) and diverged_at (lanes,) of the lanes with these indices (axes, lanes)."""
+    sensitive, lanes = tangents.sensitive, indices.shape[1]
+    traced, program = sensitive.traced, tangents.program
+    fixed, keys, carry = set_up(traced, indices)
+    some_fixed, some_carry = _start(sensitive, indices)
+    count = len(fixed)
+    states = tangents.inputs[count : count + len(carry)]
+    times, drawn = tangents.inputs[count + len(carry) : -3], tangents.inputs[-3:]
+    start = dict(zip(states, map(scalars.small, carry), strict=True))
+    ahead = {old: new for old, new in zip(states, tangents.outputs, strict=True) if new is not old}
+    noise = Noise(traced, fixed, keys, lanes)
 
-    def results(self, carry: Any) -> dict[str, Any]:
-        """value, gradient (P,) and the time of divergence of a lane."""
-        carry, moving = carry
-        value, push = jax.linearize(self.sensitive.end(carry, self.of), pick(carry, self.sensitive.carry))
-        gradient = jnp.stack([push(dots) for dots in moving])
-        return {"value": value, "gradient": gradient, "diverged_at": carry[-1]}
+    base = dict(zip(tangents.inputs, map(scalars.small, fixed), strict=False))
+    base |= {old: start[old] for old in states if old not in ahead}
+    base |= {var: one for var, one in zip(drawn, noise.constants, strict=True) if one is not None}
+    first, rest = scalars.split(program, set(base) | set(tangents.fixed))
+    linear = scalars.lane_variables(program.equations, {*tangents.fixed, *tangents.carry}, {})
+    primal_first, linear_first = _apart(first, linear)
+    primal, linear_rest = _apart(rest, linear)
+    scalars.evaluate(program, primal_first, base, lanes)
+    moved = _Pushed(program, tangents.fixed, linear_first, linear_rest, base, some_fixed, lanes)
+
+    lane = {var for var in drawn if var not in base} | {var for var, one in (start | base).items() if scalars.differs(one)}
+    lane = scalars.lane_variables(primal, lane, ahead)
+    pack = Pack(tuple(ahead), lane, lanes)
+    dots = Pack(tangents.carry, set(tangents.carry), lanes)
+
+    def body(k: Any, new: list[Value], state: Any) -> Any:
+        packed, moving = state
+        env = base | pack.unpack(packed)
+        env |= {var: scalars.Entries.of(one) for var, one in zip(times, (k, traced.grid.ts[k], traced.grid.dts[k]), strict=True)}
+        env |= dict(zip([var for var in drawn if var not in base], new, strict=True))
+        scalars.evaluate(program, primal, env, lanes)
+
+        def push(moving: Any, known: Any) -> Any:
+            there = env | moved.known(known) | dots.unpack(moving)
+            scalars.evaluate(program, linear_rest, there, lanes)
+            return dots.pack({old: scalars.output(one, program, there) for old, one in tangents.ahead.items()})
+
+        after = pack.pack({old: scalars.output(one, program, env) for old, one in ahead.items()})
+        return after, jax.vmap(push)(moving, moved.cells)
+
+    begin = pack.pack({old: start[old] for old in ahead})
+    moving = jax.vmap(lambda some: dots.pack(dict(zip(tangents.carry, map(_cells, some), strict=True))))(some_carry)
+    packed, moving = noise.loop(body, (begin, moving))
+    end = start | pack.unpack(packed)
+    arrays = [scalars.spread(scalars.as_whole(end[var], lanes), lanes) for var in states]
+    ends = jax.vmap(lambda one: [scalars.spread(scalars.as_whole(v, lanes), lanes) for v in dots.unpack(one).values()])(moving)
+
+    def finish(carry: Any, ends: Any) -> dict[str, Any]:
+        value, push = jax.linearize(sensitive.end(carry, of), pick(carry, sensitive.carry))
+        return {"value": value, "gradient": jax.vmap(push)(ends), "diverged_at": carry[-1]}
+
+    return jax.vmap(finish, in_axes=(0, 1))(jax.tree.unflatten(jax.tree.structure(traced.lane.carry), arrays), ends)
+
+
+class _Pushed:
+    """What the derivatives of the fixed numbers alone determine, before the loop: cells (P, lanes)."""
+
+    def __init__(self, program: Program, variables: Any, first: Any, rest: Any, base: Any, start: Any, lanes: int):
+        needed = {one for equation in rest for one in equation.inputs if isinstance(one, Variable)}
+        self.cells: Any = None
+        self.values: dict[Any, Value] = {}
+
+        def push(start: Any) -> Any:
+            env = base | dict(zip(variables, map(_cells, start), strict=True))
+            inside = set(variables) | {out for equation in first for out in equation.outputs}
+            scalars.evaluate(program, first, env, lanes)
+            self.values = {var: env[var] for var in needed & inside}
+            return [_arrays(value, lanes) for value in self.values.values()]
+
+        self.cells = jax.vmap(push)(start)
+
+    def known(self, cells: Any) -> dict[Any, Value]:
+        """The values from their cells."""
+        return {var: _filled(value, some) for (var, value), some in zip(self.values.items(), cells, strict=True)}
+
+
+def _start(sensitive: Sensitive, indices: Any) -> tuple[list[Any], list[Any]]:
+    """The derivatives of fixed and carry before the first step, (P, lanes, ...) each."""
+    arrays = sensitive.traced.arrays
+
+    def lane(index: Any) -> Any:
+        _, push = jax.linearize(sensitive.setup(arrays, tuple(index)), sensitive.values(arrays))
+        return jax.vmap(push)([jnp.asarray(one) for one in sensitive.directions])
+
+    return jax.vmap(lane, in_axes=1, out_axes=1)(indices)
+
+
+def _apart(equations: Sequence[Equation], linear: set[Any]) -> tuple[list[Equation], list[Equation]]:
+    is_linear = [any(out in linear for out in equation.outputs) for equation in equations]
+    return [e for e, yes in zip(equations, is_linear, strict=True) if not yes], [
+        e for e, yes in zip(equations, is_linear, strict=True) if yes
+    ]
+
+
+def _cells(array: Any) -> Value:
+    return scalars.small(scalars.Whole(array, True))
+
+
+def _arrays(value: Value, lanes: int) -> list[Any]:
+    """What of a value is no constant, spread over the lanes."""
+    if isinstance(value, scalars.Whole):
+        return [scalars.spread(value, lanes)]
+    return [jnp.broadcast_to(one, (lanes,)) for one in value.cells.reshape(-1) if not is_constant(one)]
+
+
+def _filled(value: Value, arrays: list[Any]) -> Value:
+    if isinstance(value, scalars.Whole):
+        return scalars.Whole(arrays[0], True)
+    rest, cells = list(arrays), value.cells.copy().reshape(-1)
+    for i, one in enumerate(cells):
+        cells[i] = one if is_constant(one) else rest.pop(0)
+    return scalars.Entries(cells.reshape(value.cells.shape), value.dtype)

@@ -42,7 +42,7 @@ class Traced:
         ts = jax.ShapeDtypeStruct((self.block,), grid.ts.dtype)
         k, t = jax.ShapeDtypeStruct((), jnp.int32), jax.ShapeDtypeStruct((), ts.dtype)
         self.draw, drawn = scalars.trace(self._draw, self.lane.fixed, self.lane.keys, ts, k)
-        at = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), drawn)
+        self.at = at = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), drawn)
         self.step, _ = scalars.trace(self._step, self.lane.fixed, self.lane.carry, (k, t, t), at)
 
     def _setup(self, arrays: Any, index: Any) -> Lane:
@@ -83,14 +83,14 @@ def _sample(motion: Motion, x: Any, time: tuple[Any, Any, Any], drawn: Drawn) ->
 def run_tile(traced: Traced, indices: Any, save: int | None) -> dict[str, Any]:
     """The metrics of the lanes with these indices (axes, lanes), (lanes, ...); with `save` x and xhat (lanes, times, n)."""
     lanes = indices.shape[1]
-    fixed, keys, carry = _set_up(traced, indices)
+    fixed, keys, carry = set_up(traced, indices)
     step, grid = traced.step, traced.grid
     count = len(fixed)
     states = step.inputs[count : count + len(carry)]
     times, drawn = step.inputs[count + len(carry) : -3], step.inputs[-3:]
     start = dict(zip(states, map(scalars.small, carry), strict=True))
     ahead = {old: new for old, new in zip(states, step.outputs, strict=False) if new is not old}
-    noise = _Noise(traced, fixed, keys, lanes)
+    noise = Noise(traced, fixed, keys, lanes)
 
     base = dict(zip(step.inputs, map(scalars.small, fixed), strict=False))
     base |= {old: start[old] for old in states if old not in ahead}
@@ -99,7 +99,7 @@ def run_tile(traced: Traced, indices: Any, save: int | None) -> dict[str, Any]:
     scalars.evaluate(step, first, base, lanes)
     lane = {var for var in drawn if var not in base} | {var for var, one in (start | base).items() if scalars.differs(one)}
     lane = scalars.lane_variables(rest, lane, ahead)
-    pack = _Pack(tuple(ahead), lane, lanes)
+    pack = Pack(tuple(ahead), lane, lanes)
     seen = step.outputs[len(carry) :]
 
     def body(k: Any, new: list[Value], state: Any) -> Any:
@@ -143,7 +143,7 @@ def flat_names(results: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _set_up(traced: Traced, indices: Any) -> tuple[list[Whole], list[Whole], list[Whole]]:
+def set_up(traced: Traced, indices: Any) -> tuple[list[Whole], list[Whole], list[Whole]]:
     program, lanes = traced.setup, indices.shape[1]
     given: list[Value] = [Whole(a, False) for a in jax.tree.leaves(traced.arrays)]
     given += [Whole(index, True) for index in indices]
@@ -154,7 +154,7 @@ def _set_up(traced: Traced, indices: Any) -> tuple[list[Whole], list[Whole], lis
     return values[: ends[0]], values[ends[0] : ends[1]], values[ends[1] :]
 
 
-class _Noise:
+class Noise:
     """Random paths, block by block; what is the same at all times and in all lanes (valid, no noise) is a constant."""
 
     def __init__(self, traced: Traced, fixed: list[Whole], keys: list[Whole], lanes: int):
@@ -216,7 +216,7 @@ def _constant(output: Any, program: Program, env: dict[Any, Value]) -> Value | N
     return scalars.literal(whole[0])
 
 
-class _Pack:
+class Pack:
     """The moving state as a flat tuple: (lanes,) for each entry that differs from lane to lane, () for one that does not."""
 
     def __init__(self, variables: tuple[Variable, ...], lane: set[Any], lanes: int):

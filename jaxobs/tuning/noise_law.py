@@ -54,7 +54,7 @@ def settling_time(alphas: Numbers, q: int = 0, *, state: int = 2, start: int = 2
     dt = HORIZON / 2**DOUBLINGS / speed("spectral abscissa", a)
     flow = jnp.eye(size, k=1, dtype=a.dtype).at[:, 0].add(-a)
     path = jnp.zeros((size, 1), a.dtype).at[q + start - 1, 0].set(1)
-    step = jax.scipy.linalg.expm(flow * dt)
+    step = linalg.expm(flow * dt)
     for _ in range(DOUBLINGS):
         path = jnp.concatenate([path, step @ path], axis=1)
         step = step @ step

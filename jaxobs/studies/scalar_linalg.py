@@ -1,0 +1,58 @@
+"""Small factorisations and triangular solves on entries, written out as on paper; larger ones go through vmap."""
+
+from functools import reduce
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxobs.studies.scalar_rules import Entries, combine
+
+LARGEST = 6  # the number of operations grows with the cube of the size
+
+
+def cholesky(equation: Any, given: list[Entries], lanes: int) -> list[Entries] | None:
+    """L with L L' = A: l_jj = sqrt(a_jj - sum_k l_jk^2), l_ij = (a_ij - sum_k l_ik l_jk) / l_jj; NaN unless A > 0."""
+    (entries,) = given
+    a, n = entries.cells, entries.cells.shape[-1]
+    if a.ndim != 2 or n > LARGEST:
+        return None
+    if equation.params.get("symmetrize_input", False):
+        half = np.asarray(0.5, entries.dtype)[()]
+        a = np.array([[combine("mul", half, combine("add", a[i, j], a[j, i])) for j in range(n)] for i in range(n)], object)
+    factor = np.full((n, n), np.zeros((), entries.dtype)[()], object)
+    for j in range(n):
+        factor[j, j] = jnp.sqrt(_less(a[j, j], factor[j, :j], factor[j, :j]))
+        for i in range(j + 1, n):
+            factor[i, j] = _less(a[i, j], factor[i, :j], factor[j, :j]) / factor[j, j]
+    return [Entries(factor, entries.dtype)]
+
+
+def triangular_solve(equation: Any, given: list[Entries], lanes: int) -> list[Entries] | None:
+    """X with op(A) X = B, or X op(A) = B, by substitution; op is the transpose or nothing."""
+    params = equation.params
+    a, b = given[0].cells, given[1].cells
+    n = a.shape[-1]
+    if a.ndim != 2 or n > LARGEST:
+        return None
+    if not params["left_side"]:  # X op(A) = B is op(A)' X' = B'
+        b = b.T
+    if bool(params["transpose_a"]) != (not params["left_side"]):
+        a = a.T
+    lower = bool(params["lower"]) != (bool(params["transpose_a"]) != (not params["left_side"]))
+    x = np.empty(b.shape, object)
+    for column in range(b.shape[1]):
+        for row in range(n) if lower else range(n - 1, -1, -1):
+            known = slice(0, row) if lower else slice(row + 1, n)
+            value = _less(b[row, column], a[row, known], x[known, column])
+            x[row, column] = value if params["unit_diagonal"] else value / a[row, row]
+    return [Entries(x if params["left_side"] else x.T, given[1].dtype)]
+
+
+def _less(value: Any, left: np.ndarray, right: np.ndarray) -> Any:
+    """value - sum_k left_k right_k."""
+    products = [combine("mul", x, y) for x, y in zip(left, right, strict=True)]
+    return reduce(lambda total, term: combine("sub", total, term), products, value)
+
+
+RULES = {"cholesky": cholesky, "triangular_solve": triangular_solve}
