@@ -1,4 +1,8 @@
-"""jaxobs: the study as a user writes it; with RACE_PART=loop its compiled loop alone, without the checks and the data set."""
+"""jaxobs: the study as a user writes it; with RACE_PART=loop its compiled loop alone, without the checks and the data set.
+
+Lanes with one start and no disturbance share their plant, which jaxobs then integrates once for all of them. The race is about
+equal work: x0 is given as an axis of one member, so that every lane has a plant of its own. RACE_SHARED=1 lets it share.
+"""
 
 import os
 
@@ -20,7 +24,8 @@ def prepare(job: Job):
     plant, family, integrator, signal = (jaxobs.astype(part, job.dtype) for part in _parts(job))
     noise = jaxobs.astype(jaxobs.noise.Gaussian(job.sigma), job.dtype) if job.sigma else None
     keys = jaxobs.Seeds(jax.random.key(job.seed), job.seeds) if job.sigma else None
-    metrics, start = {"rmse": jaxobs.metrics.RMSE(job.after)}, {"x0": job.study.x0, "xhat0": job.study.xhat0}
+    x0 = job.study.x0 if os.environ.get("RACE_SHARED") else [job.study.x0]
+    metrics, start = {"rmse": jaxobs.metrics.RMSE(job.after)}, {"x0": x0, "xhat0": job.study.xhat0}
     what = {"ts": job.times(), "metrics": metrics, "keys": keys, "signal": signal, "noise": noise, "integrator": integrator}
 
     def study():

@@ -15,11 +15,10 @@ import jaxobs
 jaxobs.studies.devices.use_all_cores()
 
 import jax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 from _worker import FORGET, memory  # noqa: E402
 
-from jaxobs import Seeds, grid, hurwitz, metrics, noise, observers, plants, signals  # noqa: E402
+from jaxobs import Seeds, hurwitz, metrics, noise, observers, plants, signals  # noqa: E402
 from jaxobs.studies.gradient import mean_gradient  # noqa: E402
 from jaxobs.studies.kernel import compile_group  # noqa: E402
 
@@ -50,9 +49,7 @@ def contenders(n: int, dtype: str, noisy: bool, lanes: int = LANES, steps: int =
     plant, observer, rest = parts(n, dtype, noisy, lanes, steps)
     found = {}
     for mode in ("forward", "reverse"):
-        found[mode] = mean_gradient(
-            lambda found: found["rmse"][1], plant, observer, wrt=["gamma", "alphas"], mode=mode, **rest
-        )
+        found[mode] = mean_gradient(lambda found: found["rmse"][1], plant, observer, wrt=["gamma", "alphas"], mode=mode, **rest)
     study = compile_group(found["forward"].group, chunk=lanes)
     return {"study": lambda: study(0)} | found
 

@@ -16,15 +16,13 @@ import study_worker
 
 import jaxobs
 
-jax.config.update("jax_enable_x64", True)
-
 
 def say(_) -> None:
     print("computed", flush=True)
 
 
 def devices(count: str, store: str) -> None:
-    jaxobs.use_all_cores(int(count))
+    jax.config.update("jax_num_cpu_devices", int(count))
     study_worker.run(store)
     print(jax.local_device_count())
 
@@ -77,4 +75,5 @@ def dask(store: str) -> None:
 
 
 if __name__ == "__main__":
+    jax.config.update("jax_enable_x64", True)  # here only: Dask's workers take it from the call
     {"devices": devices, "process": process, "dask": dask}[sys.argv[1]](*sys.argv[2:])

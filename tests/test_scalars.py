@@ -142,6 +142,21 @@ def test_a_kernel_computes_what_its_function_does(name):
         np.testing.assert_allclose(got, expected, rtol=1e-14)
 
 
+@pytest.mark.parametrize("number", [0.0, 1.0, 2.0, -1.0])
+def test_a_kernel_takes_constants(number):
+    """They come from setup: the weights of an integrator, the start of a metric."""
+
+    def loop(x, c, i, b):
+        return jax.lax.fori_loop(0, 4, lambda k, x: jnp.where(b, x * c + i.astype(x.dtype), c), x)
+
+    def run(x):
+        constants = jnp.full((), number), jnp.asarray(int(number)), jnp.asarray(number > 0)
+        return jax.lax.map(lambda x: fused(loop, x[0] <= x[-1], x, *constants), x.reshape(2, 16))
+
+    x = jnp.arange(32.0)
+    np.testing.assert_allclose(jax.jit(run)(x).reshape(-1), loop(x, number, jnp.asarray(int(number)), number > 0), rtol=1e-14)
+
+
 def test_library_calls_stay_outside_kernels():
     assert is_plain(jax.make_jaxpr(lambda x: jax.lax.fori_loop(0, 3, lambda i, x: jnp.sin(x), x))(X).jaxpr)
     assert not is_plain(jax.make_jaxpr(lambda a: jax.lax.fori_loop(0, 3, lambda i, a: jnp.linalg.cholesky(a), a))(SPD[0]).jaxpr)

@@ -29,15 +29,16 @@ def mixed(found):
 
 
 def slow(plant, observer, of, *, x0, xhat0, keys=None, ts, **run):
-    """value_and_grad of the plain loop over lanes, each through `score`."""
+    """value_and_grad of the plain mean over lanes, each through `score`."""
+    starts = jnp.asarray(np.atleast_2d(x0))
+    seeds = jnp.zeros(1, int) if keys is None else jnp.arange(len(keys))
 
     def loss(observer):
-        values = []
-        for start in np.atleast_2d(x0):
-            for s in range(1 if keys is None else len(keys)):
-                key = None if keys is None else keys[s]
-                values.append(of(jaxobs.score(plant, observer, x0=start, xhat0=xhat0, ts=ts, key=key, **run)))
-        return jnp.mean(jnp.stack(values))
+        def lane(start, s):
+            key = None if keys is None else keys[s]
+            return of(jaxobs.score(plant, observer, x0=start, xhat0=xhat0, ts=ts, key=key, **run))
+
+        return jnp.mean(jax.vmap(jax.vmap(lane, (None, 0)), (0, None))(starts, seeds))
 
     return eqx.filter_jit(eqx.filter_value_and_grad(loss))(observer)
 
@@ -47,7 +48,7 @@ def close(actual, desired, rtol=1e-8):
         np.testing.assert_allclose(a, b, rtol=rtol, atol=1e-12)
 
 
-@pytest.mark.parametrize("mode", ["forward", "reverse"])
+@pytest.mark.parametrize("mode", ["forward", pytest.param("reverse", marks=pytest.mark.slow)])
 def test_the_gradient_is_that_of_the_plain_loop(mode):
     rest = RUN | LANES | NOISE | {"hold_innovation": True}
     found = mean_gradient(mixed, PENDULUM, HIGH, mode=mode, **rest)()
@@ -66,14 +67,14 @@ OBSERVERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "integrator"),
     [
-        ("HighGain", integrators.Euler()),
+        ("HighGain", integrators.RK4()),
         ("HighGain", integrators.Exponential()),
-        pytest.param("HighGain", integrators.RK4(), marks=pytest.mark.slow),
         ("IntegralHighGain", integrators.Euler()),
-        pytest.param("IntegralHighGain", integrators.Exponential(), marks=pytest.mark.slow),
+        ("IntegralHighGain", integrators.Exponential()),
     ],
 )
 def test_five_states(name, integrator):
@@ -84,6 +85,7 @@ def test_five_states(name, integrator):
     close(found.gradient, {"gamma": gradient.gamma, "alphas": gradient.alphas})
 
 
+@pytest.mark.slow
 def test_finite_differences():
     f = mean_gradient(second, PENDULUM, HIGH, wrt="gamma", **RUN, **LANES, **NOISE)
     step = 1e-5
@@ -123,6 +125,7 @@ def test_other_numbers_trace_nothing_again_and_jit_takes_it():
     assert len(traces) == count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["forward", "reverse"])
 def test_lanes_that_diverge_are_counted_and_dropped_if_asked(mode):
     starts = LANES | {"x0": [*LANES["x0"], [1e308, 1e308]]}
@@ -136,6 +139,7 @@ def test_lanes_that_diverge_are_counted_and_dropped_if_asked(mode):
     close((dropped.value, dropped.gradient), (alone.value, alone.gradient), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_single_precision():
     def single(tree):
         return jaxobs.astype(tree, jnp.float32)
@@ -149,6 +153,7 @@ def test_single_precision():
     np.testing.assert_allclose(quiet.gradient["alphas"], exact.gradient["alphas"], rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_axes_and_tiles():
     """A family's axis is one of lanes; the bits do not depend on the tile."""
     family = grid(HIGH, gamma=[2.0, 3.0])
@@ -160,9 +165,9 @@ def test_axes_and_tiles():
 
 
 def test_the_mode_is_chosen_by_the_count():
-    chain = plants.SineChain(1.0, 40)
-    rest = {"ts": TS, "metrics": {"rmse": metrics.RMSE()}, "x0": np.zeros(40), "xhat0": np.zeros(40)}
-    observer = observers.HighGain(chain, hurwitz.binomial(40), 1.0)
+    chain = plants.SineChain(1.0, 70)
+    rest = {"ts": TS, "metrics": {"rmse": metrics.RMSE()}, "x0": np.zeros(70), "xhat0": np.zeros(70)}
+    observer = observers.HighGain(chain, hurwitz.binomial(70), 1.0)
     assert mean_gradient(second, chain, observer, wrt="gamma", **rest).mode == "forward"
     assert mean_gradient(second, chain, observer, wrt=["alphas"], **rest).mode == "reverse"
     adaptive = RUN | LANES | {"integrator": integrators.Adaptive()}
@@ -194,5 +199,5 @@ def test_another_structure_is_refused():
     f = mean_gradient(second, PENDULUM, HIGH, **RUN, **LANES)
     with pytest.raises(ValueError, match=r"mean_gradient\.observer: given IntegralHighGain; expected the HighGain"):
         f(observers.IntegralHighGain(PENDULUM, hurwitz.binomial(3), 2.0, 1))
-    with pytest.raises(ValueError, match="given a vector|expected the HighGain"):
+    with pytest.raises(ValueError, match=r"expected the HighGain"):
         f(jaxobs.astype(HIGH, jnp.float32))

@@ -201,7 +201,7 @@ class Reader:
             fits = type(given) in (int, float) if kind is float else type(given) is kind
             if not fits:
                 raise refuse("config", where, repr(given), self._words(kind), self._why(kind, given))
-            return float(given) if kind is float else given
+            return float(typing.cast("float", given)) if kind is float else given
         inner = typing.get_args(kind)[:1]
         if inner and inspect.isclass(inner[0]) and issubclass(inner[0], Module):
             if not isinstance(given, list):

@@ -115,13 +115,12 @@ class _Job:
         """What is finished is kept in the store, or else shown."""
         if (partial := getattr(stop, "dataset", None)) is not None and self.last is not None:
             self.tell(partial, steps)
-        words = " ".join(sys.argv[1:]) if sys.argv[1:2] == ["study"] else f"study {shlex.quote(str(self.config))}"
         for note in getattr(stop, "__notes__", []):
             _say(note.partition(";")[0].removeprefix("study: ") + ".")
         if self.store is None:
             _say("Nothing is stored. With --store DIR the same command goes on where it stopped.")
         else:
-            _say(f"To go on where it stopped: jaxobs {words}")
+            _say(f"To go on where it stopped: jaxobs {shlex.join(sys.argv[1:])}")
         return 130
 
     def tell(self, ds: Any, steps: int) -> None:

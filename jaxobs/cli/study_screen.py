@@ -19,11 +19,10 @@ def show(found: dict[str, Any], console: Console) -> None:
         [*map(_text, row["at"].values()), *([str(row["runs"])] if incomplete else []), str(row["diverged"])] for row in rows
     ]
     one = found["axes"].get("seed", 1) == 1
-    seconds = {label for label in rows[0]["values"] if found["units"][label.partition("[")[0]] == "s"}
-    columns = {
-        label + " (s)" * (label in seconds): [_cell(row["values"][label], one=one) for row in rows]
-        for label in rows[0]["values"]
-    }
+    columns = {}
+    for label in rows[0]["values"]:
+        unit = " (s)" if found["units"][label.partition("[")[0]] == "s" else ""
+        columns[label + unit] = [_cell(row["values"][label], one=one) for row in rows]
     room, fitting = console.width - sum(_width(name, [row[i] for row in body]) for i, name in enumerate(header)), []
     for label, texts in columns.items():
         room -= _width(label, texts)

@@ -39,8 +39,10 @@ def fused(function: Callable[..., Any], alive: Any, *arguments: Any) -> Any:
 
 
 def _made(value: Any, alive: Any) -> Any:
-    """The value, by an operation that no compiler removes."""
-    return jnp.where(alive, value, jnp.ones_like(value))
+    """The value, by an operation that no compiler removes, whatever the value is: what stands in if not alive is no constant."""
+    if value.dtype == bool:
+        return value ^ ~alive
+    return jnp.where(alive, value, alive.astype(value.dtype) + 1)
 
 
 def is_plain(jaxpr: Any) -> bool:

@@ -8,12 +8,13 @@ from typing import Any, Literal, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
 from jax.sharding import PartitionSpec
 from jaxtyping import Array, Int
 
 from jaxobs._loop import Grid
-from jaxobs._module import Numbers, Scalar, check, refuse, require_integer
+from jaxobs._module import Numbers, Scalar, check, concrete, refuse, require_integer
 from jaxobs.integrators import AbstractIntegrator, Adaptive
 from jaxobs.metrics import AbstractMetric
 from jaxobs.studies.adjoints import run_adjoints
@@ -25,7 +26,7 @@ from jaxobs.studies.kernel import LEAST
 from jaxobs.studies.sensitive import Sensitive
 from jaxobs.studies.tangents import Tangents, run_tangents
 
-FEW = 32  # numbers: with more of them forward mode, whose cost grows with them, gives way to reverse mode
+FEW = 64  # numbers: with more of them forward mode, whose cost grows with them, gives way to reverse mode
 Mode = Literal["forward", "reverse"]
 Diverged = Literal["keep", "drop"]
 
@@ -96,9 +97,11 @@ class MeanGradient:
         pairs = zip(jax.tree.leaves(observer), jax.tree.leaves(known), strict=False)
         if not same or any(jnp.shape(a) != jnp.shape(b) or jnp.result_type(a) != jnp.result_type(b) for a, b in pairs):
             fix = "Replace numbers only, e.g. with eqx.tree_at; another structure takes another mean_gradient."
-            raise refuse("mean_gradient", "observer", type(observer).__name__, f"the {type(known).__name__} it was made for", fix)
+            raise refuse(
+                "mean_gradient", "observer", type(observer).__name__, f"the {type(known).__name__} it was made for", fix
+            )
         check(observer)
-        return observer
+        return jax.tree.map(_plain, observer)
 
 
 def mean_gradient(
@@ -134,7 +137,7 @@ def mean_gradient(
     f is compiled once and works inside `jit`: other numbers in the observer compile nothing again. Memory is that of the
     lanes, whatever the number of samples. mode: "forward" carries a derivative for each of the P numbers along each lane, and
     costs 1 + O(P) runs; "reverse" goes back in time over checkpoints (memory of a tile: sqrt(T)) at a cost that hardly depends
-    on P. By itself: forward up to 32 numbers, but reverse with `Adaptive`, which has no other.
+    on P. By itself: forward up to 64 numbers, but reverse with `Adaptive`, which has no other.
     diverged: "keep" averages over all lanes, so that one that diverged makes the mean NaN; "drop" leaves those out. They are
     counted in both cases. tile: lanes advanced together.
 
@@ -181,17 +184,33 @@ def _attribute(part: Any, step: str) -> Any:
     return part[int(step)] if step.isdigit() else getattr(part, step)
 
 
+def _plain(leaf: Any) -> Any:
+    """The same number, of a strong dtype and on no device in particular: otherwise JAX would compile again for it."""
+    known = concrete(leaf)
+    return jax.lax.convert_element_type(leaf, leaf.dtype) if known is None else jnp.asarray(known)
+
+
 def _mean(
-    world: Members, grid: Grid, over: Any, hold_innovation: bool, of: Any, names: tuple[str, ...], mode: Mode, drop: bool, tile: int
+    world: Members,
+    grid: Grid,
+    over: Any,
+    hold: bool,
+    of: Any,
+    names: tuple[str, ...],
+    mode: Mode,
+    drop: bool,
+    tile: int,
 ) -> tuple[Any, Any, Any]:
     arrays, rest = eqx.partition((world, grid), eqx.is_array)
+    arrays = jax.lax.optimization_barrier(arrays)  # in a user's jit they are constants, which a kernel may not be given
     shape, lanes = world.shape, math.prod(world.shape)
     while tile > LEAST and tile * over.size >= 2 * lanes:
         tile //= 2
     tiles = -(-lanes // (tile * over.size)) * over.size
 
     def device(arrays: Any, starts: Any) -> dict[str, Any]:
-        sensitive = Sensitive(*eqx.combine(arrays, rest), hold_innovation, names)
+        there, grid = eqx.combine(arrays, rest)
+        sensitive = Sensitive(there, grid, hold, names)
         tangents = Tangents(sensitive) if mode == "forward" else None
 
         def one(start: Any) -> dict[str, Any]:
@@ -202,7 +221,8 @@ def _mean(
         return {name: a.reshape(-1, *a.shape[2:]) for name, a in jax.lax.map(one, starts).items()}
 
     spec = PartitionSpec("lanes")
-    spread = jax.shard_map(device, mesh=over, in_specs=(PartitionSpec(), spec), out_specs=spec, check_vma=False)
+    several = jax.shard_map(device, mesh=over, in_specs=(PartitionSpec(), spec), out_specs=spec, check_vma=False)
+    spread = several if over.size > 1 else device
     found = {name: a[:lanes] for name, a in spread(arrays, jnp.arange(tiles, dtype=jnp.int32) * tile).items()}
     numbers = jnp.concatenate([found["value"][:, None], found["gradient"]], axis=1)
     lost = jnp.isfinite(found["diverged_at"]) | ~jnp.all(jnp.isfinite(numbers), axis=1)
@@ -214,7 +234,8 @@ def _mean(
 
 @functools.cache
 def _compiled() -> Any:
-    return eqx.filter_jit(_mean, compiler_options=compiler_options())
+    jit: Any = eqx.filter_jit
+    return jit(_mean, compiler_options=compiler_options())
 
 
 def _tree_sum(values: Any) -> Any:

@@ -75,7 +75,9 @@ def run_tangents(tangents: Tangents, indices: Any, of: Of) -> dict[str, Any]:
     def body(k: Any, new: list[Value], state: Any) -> Any:
         packed, moving = state
         env = base | pack.unpack(packed)
-        env |= {var: scalars.Entries.of(one) for var, one in zip(times, (k, traced.grid.ts[k], traced.grid.dts[k]), strict=True)}
+        env |= {
+            var: scalars.Entries.of(one) for var, one in zip(times, (k, traced.grid.ts[k], traced.grid.dts[k]), strict=True)
+        }
         env |= dict(zip([var for var in drawn if var not in base], new, strict=True))
         scalars.evaluate(program, primal, env, lanes)
 

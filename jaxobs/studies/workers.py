@@ -34,7 +34,8 @@ def study_on(
     that fails with an error is tried `retries` times again. The same call goes on with what is missing.
 
     Numbers have the width that they have here (64 bits if jax_enable_x64 is set). A worker computes one share at a time, on all
-    its devices; `client.register_worker_callbacks(setup=jaxobs.use_all_cores)` before the first study gives it all its cores.
+    its devices; started with `dask worker ... --nthreads 1 --preload "import jaxobs; jaxobs.use_all_cores()"` it has one for
+    each core.
     progress: as in `study`, after each share. Other arguments: those of `study`, but part.
 
     ValueError names the argument that does not fit; StoreError if this machine does not see what the workers have stored.
