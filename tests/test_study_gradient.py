@@ -74,7 +74,6 @@ OBSERVERS = {
         ("HighGain", integrators.RK4()),
         ("HighGain", integrators.Exponential()),
         ("IntegralHighGain", integrators.Euler()),
-        ("IntegralHighGain", integrators.Exponential()),
     ],
 )
 def test_five_states(name, integrator):
