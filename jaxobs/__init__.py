@@ -43,10 +43,10 @@ if TYPE_CHECKING:
     from jaxobs._simulate import simulate as simulate
     from jaxobs.studies import Family as Family
     from jaxobs.studies import Seeds as Seeds
+    from jaxobs.studies import compile_cache as compile_cache
     from jaxobs.studies import grid as grid
     from jaxobs.studies import mean_gradient as mean_gradient
     from jaxobs.studies import over as over
-    from jaxobs.studies import compile_cache as compile_cache
     from jaxobs.studies import study as study
     from jaxobs.studies import use_all_cores as use_all_cores
     from jaxobs.studies import variants as variants

@@ -159,9 +159,7 @@ def _agree(world: World, observer: Observer, key: Any, owner: str) -> Any:
             "Wrap it: jaxobs.observers.Sampled(observer, integrator, dt).",
         )  # fmt: skip
     if observer.p != plant.p:
-        raise refuse(
-            owner, "observer", f"p = {observer.p} outputs", f"the plant's p = {plant.p}", "Match the output maps."
-        )
+        raise refuse(owner, "observer", f"p = {observer.p} outputs", f"the plant's p = {plant.p}", "Match the output maps.")
     if signal.m != plant.m:
         fix = "Give a signal with one component for each input."
         raise refuse(owner, "signal", f"m = {signal.m} inputs", f"the plant's m = {plant.m}", fix)

@@ -180,17 +180,16 @@ def phi_functions(a: Float[Array, "n n"], count: int) -> list[Float[Array, "n n"
     norm = jnp.max(jnp.sum(jnp.abs(jax.lax.stop_gradient(balanced)), axis=0))
     doublings = jnp.clip(jnp.ceil(jnp.log2(norm / SMALL)), 0, DOUBLINGS)
     z = balanced / 2**doublings
-    last = one / math.factorial(TAYLOR + count)
-    for j in range(TAYLOR - 1, -1, -1):
-        last = z @ last + one / math.factorial(j + count)
+    inverse = jnp.asarray([1 / math.factorial(j + count) for j in range(TAYLOR + 1)], a.dtype)
+    last = jax.lax.fori_loop(0, TAYLOR, lambda i, p: z @ p + one * inverse[TAYLOR - 1 - i], one * inverse[TAYLOR])
     phi = [last]
     for k in range(count - 1, -1, -1):
-        phi.insert(0, z @ phi[0] + one / math.factorial(k))
+        phi.insert(0, z @ phi[0] + one / float(math.factorial(k)))
 
     def double(i: Array, phi: list[Array]) -> list[Array]:
         twice = [phi[0] @ phi[0]]
         for k in range(1, count + 1):
-            rest = sum((phi[j] / math.factorial(k - j) for j in range(1, k + 1)), start=jnp.zeros_like(one))
+            rest = sum((phi[j] / float(math.factorial(k - j)) for j in range(1, k + 1)), start=jnp.zeros_like(one))
             twice.append((phi[0] @ phi[k] + rest) / 2**k)
         return [jnp.where(i.astype(a.dtype) < doublings, new, old) for new, old in zip(twice, phi, strict=True)]
 

@@ -1,5 +1,6 @@
 """Scalar replacement against jax.vmap: whatever JAX traces, entry by entry or as a whole, has the same values."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +14,7 @@ RNG = np.random.default_rng(0)
 A = jnp.asarray(RNG.normal(size=(LANES, 3, 3)))
 X = jnp.asarray(RNG.normal(size=(LANES, 3)))
 BIG = jnp.asarray(RNG.normal(size=(LANES, 80)))
+KEY = jax.random.key(0)
 SPD = jnp.einsum("lij,lkj->lik", A, A) + 0.1 * jnp.eye(3)
 
 
@@ -39,6 +41,8 @@ FUNCTIONS = {
     "jacobian": lambda a, x: jax.jacfwd(lambda x: jnp.stack([jnp.sin(x[0]) * x[1], x[2] ** 2, jnp.tanh(x[1])]))(x),
     "gradient": lambda a, x: jax.grad(lambda x: jnp.sum(jnp.cos(a @ x) ** 2))(x),
     "loop": lambda a, x: jax.lax.fori_loop(0, 3, lambda i, x: x + a @ x * i.astype(float), x),
+    "loop over matrices": lambda a, x: jax.lax.fori_loop(0, 5, lambda i, s: (s[0] @ a / 3 + s[0][0, 1], s[1] + 1.0), (a, 0.0)),
+    "scan with outputs": lambda a, x: jax.lax.scan(lambda c, row: (c + row @ x, c * row), jnp.asarray(0.0), a),
     "while": lambda a, x: jax.lax.while_loop(lambda x: jnp.sum(x**2) < 50, lambda x: 1.5 * x + 0.1, x),
     "cond": lambda a, x: jax.lax.cond(x[0] > 0, jnp.sin, jnp.cos, x),
     "sort": lambda a, x: jnp.sort(x),
@@ -47,6 +51,17 @@ FUNCTIONS = {
     "position of a lane": lambda a, x: x[jnp.argmax(x)] + a[jnp.argmin(x), 1],
     "integers": lambda a, x: (jnp.floor(x).astype(int) % 3, jnp.arange(3) + 1, jnp.round(x) == 0),
     "constants": lambda a, x: (jnp.ones(3), jnp.linspace(0.0, 1.0, 4), np.float64(2.0) * x),
+    "written": lambda a, x: ((x > 0).at[1].set(x[0] > 1), jax.lax.complex(x, a[0]).at[0].set(2j)),
+    "dropped": lambda a, x: x.at[jnp.array([0, 9])].set(x[:2]),
+    "changed in place": lambda a, x: (x.at[1].apply(jnp.sin), x.at[0].mul(3), x.at[2].max(x[0]), x[0].at[()].add(2.0)),
+    "beyond the end": lambda a, x: x.at[jnp.array([0, 2, 5])].get(mode="fill", fill_value=7.0),
+    "within": lambda a, x: x.at[jnp.array([0, 2])].get(mode="fill", fill_value=7.0),
+    "nothing": lambda a, x: (jnp.sum(a[:0], axis=1), jnp.sum(a[:0], axis=0), jnp.einsum("ij,ij->i", a[:0], a[:0]), x[:0] * 2),
+    "bits": lambda a, x: jax.lax.bitcast_convert_type(x, jnp.uint32),
+    "overflow": lambda a, x: x + jnp.prod(jnp.full(3, 1e200)),
+    "keys": lambda a, x: jax.random.key_data(jax.random.fold_in(KEY, jnp.argmax(x))),
+    "errors": lambda a, x: eqx.error_if(x, jnp.any(x > 1e6), "too large"),
+    "complex": lambda a, x: jnp.linalg.cholesky(jax.lax.complex(9 * jnp.eye(3), a - a.T)),
 }  # fmt: skip
 
 
@@ -76,7 +91,9 @@ def test_factorisations_are_written_out(lower, transpose, left):
 
 
 def test_a_matrix_that_is_not_positive_has_a_factor_of_nan():
-    assert np.isnan(run(jnp.linalg.cholesky, -SPD)).any(axis=(1, 2)).all()
+    singular = jnp.stack([jnp.diag(jnp.asarray(d)) for d in ([1.0, 0.0], [0.0, 1.0], [1.0, -1.0], [1.0, 4.0], [jnp.nan, 1.0])])
+    for matrix in (-SPD, singular):
+        np.testing.assert_array_equal(run(jnp.linalg.cholesky, matrix), jax.vmap(jnp.linalg.cholesky)(matrix))
 
 
 def test_large_arrays_stay_arrays():

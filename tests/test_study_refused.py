@@ -29,6 +29,7 @@ REFUSED = [
     ({"keys": None, "noise": noise.Gaussian(0.1)}, r"study\.keys: given None; expected Seeds.*jaxobs\.Seeds\("),
     ({"keys": jax.random.key(0)}, r"study\.keys: given .*of shape \(\)"),
     ({"keys": 3}, r"study\.keys: given int of shape \(\)"),
+    ({"keys": Seeds(jax.random.key(0, impl="rbg"), 3)}, r"study\.keys: given keys of the kind '\w*rbg'.*threefry2x32"),
     ({"keys": jax.random.split(jax.random.key(0), (2, 2))}, r"study\.keys: given .*of shape \(2, 2\)"),
     ({"families": LABELS}, r"study\.families: given gamma with values \[2\.0, 4\.0\] at observer = 'two'; .*study them apart"),
     ({"families": {"one": FAMILY, "two": OBSERVER}}, r"families: given axes \[\] at observer = 'two'; expected the axes"),
@@ -150,7 +151,8 @@ def test_an_error_in_a_variant_says_where():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [((0, 3), r"Seeds\.key: given int"), ((jax.random.split(jax.random.key(0)), 3), r"Seeds\.key"),
-     ((jax.random.key(0), 0), r"Seeds\.count: given 0; expected an integer >= 1")],
+     ((jax.random.key(0), 0), r"Seeds\.count: given 0; expected an integer >= 1"),
+     ((jax.random.key(0), 2**33), r"Seeds\.count: given 8589934592; expected at most 2\*\*32 seeds")],
 )  # fmt: skip
 def test_seeds_refused(arguments, message):
     with pytest.raises(ValueError, match=message):

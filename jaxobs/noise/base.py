@@ -44,4 +44,5 @@ def drawn(noise: AbstractNoise, key: PRNGKey, ts: Float[Array, " T"], p: int, bl
     count = -(-ts.shape[0] // BLOCK)
     padded = jnp.concatenate([ts, jnp.broadcast_to(ts[-1:], (count * BLOCK - ts.shape[0],))]).reshape(count, BLOCK)
     blocks = jax.vmap(lambda i, ts: noise.sample(jax.random.fold_in(key, i), ts, p))(jnp.arange(count), padded)
-    return tuple(path.reshape(count * BLOCK, p)[: ts.shape[0]] for path in blocks)
+    w, valid = (path.reshape(count * BLOCK, p)[: ts.shape[0]] for path in blocks)
+    return w, valid

@@ -30,6 +30,8 @@ class Seeds(Module):
             fix = "Make it from the seed: Seeds(jax.random.key(0), 1000)."
             raise refuse(self, "key", f"{type(self.key).__name__} of shape {np.shape(self.key)}", "one PRNG key", fix)
         require_integer(self, "count", self.count, 1, "It is the number of runs of each member.")
+        if self.count > 2**32:
+            raise refuse(self, "count", self.count, "at most 2**32 seeds", "fold_in would make the same keys again.")
 
     def __len__(self) -> int:
         return self.count

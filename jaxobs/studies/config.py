@@ -6,6 +6,7 @@ import hashlib
 import inspect
 import json
 import math
+import os
 import re
 import types
 from collections.abc import Mapping
@@ -17,6 +18,7 @@ import numpy as np
 
 from jaxobs._version import __version__
 from jaxobs.studies.axes import PARTS, Group, Seeds
+from jaxobs.studies.devices import FLAGS
 from jaxobs.studies.family import Family
 
 FORMAT = 1  # of the data set and of the store
@@ -32,6 +34,7 @@ def config(groups: tuple[Group, ...], shape_axes: Mapping[str, list[Any]]) -> di
         "jaxobs": __version__,
         "jax": jax.__version__,
         "platform": jax.default_backend(),
+        "use_all_cores": FLAGS in os.environ.get("XLA_FLAGS", ""),  # its compiler flag moves last bits
         "precision": str(first.dtype),
         "random streams": {
             "threefry_partitionable": jax.config.values["jax_threefry_partitionable"],

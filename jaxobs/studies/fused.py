@@ -39,15 +39,16 @@ def fused(function: Callable[..., Any], alive: Any, *arguments: Any) -> Any:
 
 
 def _made(value: Any, alive: Any) -> Any:
-    """The value, by an operation that no compiler removes, whatever the value is: what stands in if not alive is no constant."""
+    """The value, by an operation that no compiler removes, whatever the value: what stands in if not alive is no constant."""
     if value.dtype == bool:
         return value ^ ~alive
     return jnp.where(alive, value, alive.astype(value.dtype) + 1)
 
 
 def is_plain(jaxpr: Any) -> bool:
-    """Whether it has arithmetic, moves of data and loops only: no calls of libraries."""
-    return all(one.primitive.name in PLAIN and all(map(is_plain, _bodies(one.params))) for one in jaxpr.eqns)
+    """Whether it has arithmetic, moves of data and loops only: no calls of libraries, no random keys."""
+    keys = any(jnp.issubdtype(var.aval.dtype, jax.dtypes.extended) for var in (*jaxpr.invars, *jaxpr.constvars))
+    return not keys and all(one.primitive.name in PLAIN and all(map(is_plain, _bodies(one.params))) for one in jaxpr.eqns)
 
 
 def _bodies(params: dict[str, Any]) -> Iterator[Any]:

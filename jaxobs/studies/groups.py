@@ -139,8 +139,11 @@ def _checked_keys(keys: Any, noise: Any, disturbance: Any) -> Any:
 
 
 def _typed(keys: Any) -> Any:
-    typed = jnp.issubdtype(keys.dtype, jax.dtypes.prng_key)
-    return keys if typed else jax.random.wrap_key_data(jnp.asarray(keys))
+    keys = keys if jnp.issubdtype(keys.dtype, jax.dtypes.prng_key) else jax.random.wrap_key_data(jnp.asarray(keys))
+    if "rbg" in (kind := str(jax.random.key_impl(keys))):
+        fix = "Under jax.vmap JAX draws such numbers from the first of all keys: give jax.random.key(0, impl='threefry2x32')."
+        raise refuse("study", "keys", f"keys of the kind {kind!r}", "keys whose numbers do not depend on other lanes", fix)
+    return keys
 
 
 def _check_members(members: Members, grid: Any) -> None:

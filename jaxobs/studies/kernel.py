@@ -43,7 +43,8 @@ def _spread(world: Members, grid: Grid, indices: Any, over: Any, hold_innovation
     arrays, rest = eqx.partition((world, grid), eqx.is_array)
 
     def device(arrays: Any, indices: Any) -> dict[str, Any]:
-        traced = Traced(*eqx.combine(arrays, rest), hold_innovation)
+        members, grid = eqx.combine(arrays, rest)
+        traced = Traced(members, grid, hold_innovation)
         found = jax.lax.map(lambda index: run_tile(traced, index, save), indices)
         return {name: array.reshape(-1, *array.shape[2:]) for name, array in found.items()}
 
@@ -55,4 +56,5 @@ def _spread(world: Members, grid: Grid, indices: Any, over: Any, hold_innovation
 
 @functools.cache
 def _compiled() -> Any:
-    return eqx.filter_jit(_spread, compiler_options=compiler_options())
+    options: dict[str, Any] = {"compiler_options": compiler_options()}
+    return eqx.filter_jit(_spread, **options)

@@ -6,16 +6,16 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxobs.studies.scalar_rules import Entries, combine
+from jaxobs.studies.scalar_rules import Entries, combine, is_constant
 
 LARGEST = 6  # the number of operations grows with the cube of the size
 
 
 def cholesky(equation: Any, given: list[Entries], lanes: int) -> list[Entries] | None:
-    """L with L L' = A: l_jj = sqrt(a_jj - sum_k l_jk^2), l_ij = (a_ij - sum_k l_ik l_jk) / l_jj; NaN unless A > 0."""
+    """L with L L' = A: l_jj = sqrt(a_jj - sum_k l_jk^2), l_ij = (a_ij - sum_k l_ik l_jk) / l_jj; all NaN unless A > 0."""
     (entries,) = given
     a, n = entries.cells, entries.cells.shape[-1]
-    if a.ndim != 2 or n > LARGEST:
+    if a.ndim != 2 or n > LARGEST or jnp.issubdtype(entries.dtype, jnp.complexfloating):
         return None
     if equation.params.get("symmetrize_input", False):
         half = np.asarray(0.5, entries.dtype)[()]
@@ -25,6 +25,10 @@ def cholesky(equation: Any, given: list[Entries], lanes: int) -> list[Entries] |
         factor[j, j] = jnp.sqrt(_less(a[j, j], factor[j, :j], factor[j, :j]))
         for i in range(j + 1, n):
             factor[i, j] = _less(a[i, j], factor[i, :j], factor[j, :j]) / factor[j, j]
+    positive = reduce(lambda whole, pivot: whole & (pivot > 0), factor.diagonal(), jnp.asarray(True))
+    for index in zip(*np.tril_indices(n), strict=True):
+        if not is_constant(factor[index]):
+            factor[index] = jnp.where(positive, factor[index], jnp.asarray(jnp.nan, entries.dtype))
     return [Entries(factor, entries.dtype)]
 
 
@@ -33,7 +37,7 @@ def triangular_solve(equation: Any, given: list[Entries], lanes: int) -> list[En
     params = equation.params
     a, b = given[0].cells, given[1].cells
     n = a.shape[-1]
-    if a.ndim != 2 or n > LARGEST:
+    if a.ndim != 2 or n > LARGEST or jnp.issubdtype(given[1].dtype, jnp.complexfloating):
         return None
     if not params["left_side"]:  # X op(A) = B is op(A)' X' = B'
         b = b.T

@@ -68,9 +68,11 @@ def rule_of(name: str) -> Rule | None:
     return {"dot_general": product, "iota": iota, "scatter-add": scatter_add, "scatter_add": scatter_add}.get(name)
 
 
-def elementwise(equation: Any, given: list[Entries], lanes: int) -> list[Entries]:
+def elementwise(equation: Any, given: list[Entries], lanes: int) -> list[Entries] | None:
     """The primitive on each cell; scalars and axes of size 1 meet every cell."""
     variable = equation.outputs[0]
+    if variable.aval.ndim != max(one.cells.ndim for one in given):  # bits that become numbers of another size
+        return None
     cells = np.empty(variable.aval.shape, object)
     operands = [np.broadcast_to(one.cells, cells.shape) for one in given]
     for index in np.ndindex(*cells.shape):
@@ -127,6 +129,8 @@ def move(equation: Any, given: list[Entries], lanes: int) -> list[Entries] | Non
     """The primitive acts on positions instead of data, while tracing: each output cell is then one of the input's."""
     name = equation.primitive.name
     if name == "scatter":
+        if equation.params["update_jaxpr"] is not None:  # x.at[i].apply(f) is a scatter too, with f in this place
+            return None
         operand, indices, updates = given
         data, others, order = [operand, updates], [indices], [0, 2, 1]
     else:
@@ -138,15 +142,14 @@ def move(equation: Any, given: list[Entries], lanes: int) -> list[Entries] | Non
     starts = np.cumsum([0, *(one.cells.size for one in data)])
     positions = [np.arange(a, a + one.cells.size).reshape(one.cells.shape) for a, one in zip(starts, data, strict=False)]
     where = [np.array(one.cells.tolist(), one.dtype).reshape(one.cells.shape) for one in others]
-    arranged = [np.empty(0)] * len(order)
+    arranged: list[Any] = [None] * len(order)
     for place, array in zip(order, [*positions, *where], strict=True):
         arranged[place] = array
     params = dict(equation.params)
     if name == "gather":
-        params["fill_value"] = None
-    kind = operand.dtype if name == "scatter" else jnp.int32  # a scatter carries a computation in the dtype of its data
+        params["fill_value"] = -1
     with jax.ensure_compile_time_eval():
-        numbers = [jnp.asarray(a, kind if i in order[: len(data)] else a.dtype) for i, a in enumerate(arranged)]
+        numbers = [jnp.asarray(a, jnp.int32 if i in order[: len(data)] else a.dtype) for i, a in enumerate(arranged)]
         out = equation.primitive.bind(*numbers, **params)
     results = out if equation.primitive.multiple_results else [out]
     found = [np.asarray(one).astype(int) for one in results]
@@ -168,6 +171,8 @@ def scatter_add(equation: Any, given: list[Entries], lanes: int) -> list[Entries
     if not all(is_constant(cell) for cell in indices.cells.reshape(-1)):
         return None
     size = updates.cells.size
+    if not jnp.issubdtype(operand.dtype, jnp.number) or jnp.issubdtype(operand.dtype, jnp.complexfloating):
+        return None
     hit = np.arange(1, size + 1).astype(operand.dtype).reshape(updates.cells.shape)
     index = np.array(indices.cells.tolist(), indices.dtype).reshape(indices.cells.shape)
     with jax.ensure_compile_time_eval():
@@ -177,8 +182,9 @@ def scatter_add(equation: Any, given: list[Entries], lanes: int) -> list[Entries
         return None
     flat = updates.cells.reshape(-1)
     cells = operand.cells.copy()
-    for at in zip(*np.nonzero(into), strict=True):
-        cells[at] = combine("add", operand.cells[at], flat[into[at] - 1])
+    for at in np.ndindex(*into.shape):
+        if into[at]:
+            cells[at] = combine("add", operand.cells[at], flat[into[at] - 1])
     return [Entries(cells, operand.dtype)]
 
 
@@ -188,9 +194,9 @@ def reduction(equation: Any, given: list[Entries], lanes: int) -> list[Entries] 
     name = REDUCTIONS[equation.primitive.name]
     kept = [axis for axis in range(entries.cells.ndim) if axis not in axes]
     moved = entries.cells.transpose(*kept, *axes)
-    rows = moved.reshape((*moved.shape[: len(kept)], -1))
-    if rows.shape[-1] == 0:
+    if entries.cells.size == 0:
         return None
+    rows = moved.reshape((*moved.shape[: len(kept)], -1))
     step = (lambda a, b: combine(name, a, b)) if name in ("add", "mul") else COMBINE[name]
     cells = np.empty(rows.shape[:-1], object)
     for index in np.ndindex(*cells.shape):
@@ -207,7 +213,7 @@ def product(equation: Any, given: list[Entries], lanes: int) -> list[Entries] | 
     batch = [a.shape[axis] for axis in batch_a]
     depth = int(np.prod([a.shape[axis] for axis in contract_a], dtype=int))
     variable = equation.outputs[0]
-    if depth == 0 or variable.aval.size * depth > PRODUCTS or variable.aval.dtype != given[0].dtype:
+    if depth * variable.aval.size == 0 or variable.aval.size * depth > PRODUCTS or variable.aval.dtype != given[0].dtype:
         return None
     count = int(np.prod(batch, dtype=int))
     left = a.transpose(*batch_a, *free_a, *contract_a).reshape(count, -1, depth)

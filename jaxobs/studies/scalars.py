@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
+import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jax.extend import core
@@ -18,6 +19,7 @@ from jaxobs.studies import scalar_linalg
 from jaxobs.studies.scalar_rules import CALLS, Entries, Rule, rule_of
 
 WHOLE = 64  # arrays with more entries stay arrays
+ACROSS = ("unvmap_all", "unvmap_any", "unvmap_max")  # equinox's answers for all lanes together, on which its errors depend
 
 
 class Whole(NamedTuple):
@@ -57,7 +59,9 @@ def flatten(closed: Any) -> Program:
     equations: list[Equation] = []
 
     def resolve(atom: Any, scope: dict[Any, Any]) -> Any:
-        return np.asarray(atom.val, atom.aval.dtype) if isinstance(atom, core.Literal) else scope[atom]
+        if not isinstance(atom, core.Literal):
+            return scope[atom]
+        return np.asarray(atom.val, getattr(atom.aval, "dtype"))  # noqa: B009 (an abstract value need not have one)
 
     def inline(jaxpr: Any, consts: Sequence[Any], inputs: Sequence[Any]) -> list[Any]:
         scope = dict(zip(jaxpr.invars, inputs, strict=True))
@@ -113,7 +117,10 @@ Value = Entries | Whole
 
 
 def evaluate(program: Program, equations: Sequence[Equation], env: dict[Any, Value], lanes: int, rules: bool = True) -> None:
-    """Runs the equations over `lanes`, adding what they define to `env`; without rules all of them through `jax.vmap`."""
+    """Runs the equations over `lanes`, adding what they define to `env`.
+
+    Without rules through `jax.vmap`.
+    """
     for equation in equations:
         given = [_input(one, program, env) for one in equation.inputs]
         results = apply(equation, given, lanes) if rules else through_vmap(equation, given, lanes)
@@ -130,17 +137,44 @@ def _input(atom: Any, program: Program, env: dict[Any, Value]) -> Value:
         return literal(atom)
     if atom not in env:
         value = program.constants[atom]
-        env[atom] = Whole(value, False) if isinstance(value, jax.core.Tracer) else literal(np.asarray(value))
+        known = not (isinstance(value, jax.core.Tracer) or _is_key(value.dtype))
+        env[atom] = literal(np.asarray(value)) if known else Whole(value, False)
     return env[atom]
+
+
+def loop(equation: Equation, given: list[Value], lanes: int) -> list[Value] | None:
+    """A scan that only carries: its body by entries; loops within a step stay in the kernel, their products are written out."""
+    params = equation.params
+    consts, carried = params["num_consts"], params["num_carry"]
+    if len(given) != consts + carried or len(equation.outputs) != carried or params["reverse"]:
+        return None
+    body = flatten(params["jaxpr"])
+    fixed = dict(zip(body.inputs, given, strict=False))
+    states = body.inputs[consts:]
+    ahead = dict(zip(states, body.outputs, strict=True))
+    lane = lane_variables(body.equations, {var for var, one in fixed.items() if differs(one)}, ahead)
+    pack = Pack(states, lane, lanes)
+
+    def step(_: Any, packed: tuple[Any, ...]) -> tuple[Any, ...]:
+        env = fixed | pack.unpack(packed)
+        evaluate(body, body.equations, env, lanes)
+        return pack.pack({old: output(new, body, env) for old, new in ahead.items()})
+
+    start = pack.pack({var: fixed[var] for var in states})
+    end = pack.unpack(jax.lax.fori_loop(0, params["length"], step, start))
+    return [end[var] for var in states]
 
 
 def apply(equation: Equation, given: list[Value], lanes: int) -> list[Value]:
     """By its rule where all inputs and outputs are small, through vmap otherwise."""
     name = equation.primitive.name
+    if name == "scan" and (ended := loop(equation, [small(one) for one in given], lanes)) is not None:
+        return ended
     rule: Rule | None = rule_of(name) or scalar_linalg.RULES.get(name)
     if rule is not None and all(var.aval.size <= WHOLE for var in equation.outputs):
         entries = [one for one in map(small, given) if isinstance(one, Entries)]
-        result = rule(equation, entries, lanes) if len(entries) == len(given) else None
+        with np.errstate(all="ignore"):  # constants that overflow are data
+            result = rule(equation, entries, lanes) if len(entries) == len(given) else None
         if result is not None:
             return list(result)
     return [small(one) for one in through_vmap(equation, given, lanes)]
@@ -150,6 +184,8 @@ def through_vmap(equation: Equation, given: list[Value], lanes: int) -> list[Who
     """The primitive itself on whole arrays."""
     wholes = [as_whole(one, lanes) for one in given]
     batched = any(one.batched for one in wholes)
+    if equation.primitive.name in ACROSS:
+        return [Whole(equation.primitive.bind(*(one.array for one in wholes), **equation.params), False)]
 
     def bind(*arrays: Any) -> list[Any]:
         out = equation.primitive.bind(*arrays, **equation.primitive.get_bind_params(equation.params))
@@ -163,12 +199,17 @@ def literal(array: np.ndarray) -> Value:
     """A constant: its entries are NumPy scalars, which rules may fold."""
     if array.size > WHOLE:
         return Whole(jnp.asarray(array), False)
-    return Entries(np.frompyfunc(lambda i: array.reshape(-1)[i], 1, 1)(_positions(array.shape)), array.dtype)
+    cells = np.empty(array.shape, object)
+    for index in np.ndindex(*array.shape):
+        cells[index] = array[index]
+    return Entries(cells, array.dtype)
 
 
 def small(value: Value) -> Value:
     """(lanes, *shape) or (*shape) cut into its entries, where they are few."""
     if isinstance(value, Entries) or np.prod(value.array.shape[value.batched :], dtype=int) > WHOLE:
+        return value
+    if _is_key(value.array.dtype):
         return value
     shape = value.array.shape[1:] if value.batched else value.array.shape
     cells = np.empty(shape, object)
@@ -195,8 +236,9 @@ def spread(value: Whole, lanes: int) -> Any:
     return value.array if value.batched else jnp.broadcast_to(value.array, (lanes, *value.array.shape))
 
 
-def _positions(shape: tuple[int, ...]) -> np.ndarray:
-    return np.arange(int(np.prod(shape, dtype=int))).reshape(shape)
+def _is_key(dtype: Any) -> bool:
+    """Keys are no numbers: they stay as they are."""
+    return jnp.issubdtype(dtype, jax.dtypes.extended)
 
 
 def lane_variables(equations: Sequence[Equation], lane: set[Any], ahead: dict[Any, Any]) -> set[Any]:
@@ -216,3 +258,33 @@ def differs(value: Value) -> bool:
     if isinstance(value, Whole):
         return value.batched
     return any(np.ndim(one) == 1 for one in value.cells.reshape(-1))
+
+
+class Pack:
+    """The moving state as a flat tuple: (lanes,) for each entry that differs from lane to lane, () for one that does not."""
+
+    def __init__(self, variables: tuple[Variable, ...], lane: set[Any], lanes: int):
+        self.variables, self.lane, self.lanes = variables, lane, lanes
+
+    def pack(self, values: dict[Any, Value]) -> tuple[Any, ...]:
+        packed = []
+        for var in self.variables:
+            value, shape = small(values[var]), (self.lanes,) if var in self.lane else ()
+            if isinstance(value, Whole):
+                packed.append(spread(value, self.lanes) if var in self.lane else value.array)
+            else:
+                packed += [jnp.broadcast_to(jnp.asarray(one, value.dtype), shape) for one in value.cells.reshape(-1)]
+        return tuple(packed)
+
+    def unpack(self, packed: tuple[Any, ...]) -> dict[Any, Value]:
+        values: dict[Any, Value] = {}
+        rest = list(packed)
+        for var in self.variables:
+            if var.aval.size > WHOLE or _is_key(var.aval.dtype):
+                values[var] = Whole(rest.pop(0), var in self.lane)
+                continue
+            cells = np.empty(var.aval.size, object)
+            for i in range(var.aval.size):
+                cells[i] = rest.pop(0)
+            values[var] = Entries(cells.reshape(var.aval.shape), var.aval.dtype)
+        return values

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 
 from jaxobs.studies import scalars
 from jaxobs.studies.scalar_rules import is_constant
-from jaxobs.studies.scalars import Equation, Program, Value, Variable
+from jaxobs.studies.scalars import Equation, Pack, Program, Value, Variable
 from jaxobs.studies.sensitive import Sensitive, pick
-from jaxobs.studies.tile import Noise, Pack, set_up
+from jaxobs.studies.tile import Noise, set_up
 
 Of = Callable[[dict[str, Any]], Any]
 

@@ -18,7 +18,7 @@ from jaxobs.noise import BLOCK
 from jaxobs.studies import scalars
 from jaxobs.studies.axes import Members
 from jaxobs.studies.fused import fused
-from jaxobs.studies.scalars import Entries, Program, Value, Variable, Whole
+from jaxobs.studies.scalars import Entries, Program, Value, Whole
 
 
 class Lane(NamedTuple):
@@ -64,7 +64,8 @@ class Traced:
 
     def _draw(self, fixed: Any, keys: Any, ts: Any, block: Any) -> Drawn:
         typed = [jax.random.wrap_key_data(key, impl=impl) for key, impl in zip(keys, self.implementations, strict=True)]
-        return self._motion(fixed)[0].draw((typed[0], typed[1]), ts, block)
+        # The block is the whole path if any source has a memory: the others then draw theirs as `simulate` does.
+        return self._motion(fixed)[0].draw((typed[0], typed[1]), ts, block if self.memoryless else None)
 
     def _step(self, fixed: Any, carry: Any, time: Any, drawn: Drawn) -> tuple[Any, Any]:
         motion, cache = self._motion(fixed)
@@ -99,7 +100,7 @@ def run_tile(traced: Traced, indices: Any, save: int | None) -> dict[str, Any]:
     scalars.evaluate(step, first, base, lanes)
     lane = {var for var in drawn if var not in base} | {var for var, one in (start | base).items() if scalars.differs(one)}
     lane = scalars.lane_variables(rest, lane, ahead)
-    pack = Pack(tuple(ahead), lane, lanes)
+    pack = scalars.Pack(tuple(ahead), lane, lanes)
     seen = step.outputs[len(carry) :]
 
     def body(k: Any, new: list[Value], state: Any) -> Any:
@@ -148,7 +149,8 @@ def set_up(traced: Traced, indices: Any) -> tuple[list[Whole], list[Whole], list
     given: list[Value] = [Whole(a, False) for a in jax.tree.leaves(traced.arrays)]
     given += [Whole(index, True) for index in indices]
     env: dict[Any, Value] = dict(zip(program.inputs, given, strict=True))
-    scalars.evaluate(program, program.equations, env, lanes, rules=False)
+    # By entries here too: how XLA sums the products of matrices depends on the number of devices.
+    scalars.evaluate(program, program.equations, env, lanes)
     values = [scalars.as_whole(scalars.output(one, program, env), lanes) for one in program.outputs]
     ends = np.cumsum([len(jax.tree.leaves(part)) for part in traced.lane])
     return values[: ends[0]], values[ends[0] : ends[1]], values[ends[1] :]
@@ -199,7 +201,8 @@ class Noise:
         structure = jax.tree.structure((self.traced.lane.fixed, self.traced.lane.keys))
 
         def lane(*arrays: Any) -> list[Any]:
-            drawn = self.traced._draw(*jax.tree.unflatten(structure, arrays), ts, block)
+            fixed, keys = jax.tree.unflatten(structure, arrays)
+            drawn = self.traced._draw(fixed, keys, ts, block)
             return [path for path, constant in zip(drawn, self.constants, strict=True) if constant is None]
 
         axes = tuple(0 if one.batched else None for one in self.given)
@@ -214,33 +217,3 @@ def _constant(output: Any, program: Program, env: dict[Any, Value]) -> Value | N
     if whole.size and np.any(whole != whole.flat[0]):
         return None
     return scalars.literal(whole[0])
-
-
-class Pack:
-    """The moving state as a flat tuple: (lanes,) for each entry that differs from lane to lane, () for one that does not."""
-
-    def __init__(self, variables: tuple[Variable, ...], lane: set[Any], lanes: int):
-        self.variables, self.lane, self.lanes = variables, lane, lanes
-
-    def pack(self, values: dict[Any, Value]) -> tuple[Any, ...]:
-        packed = []
-        for var in self.variables:
-            value, shape = values[var], (self.lanes,) if var in self.lane else ()
-            if isinstance(value, Whole):
-                packed.append(scalars.spread(value, self.lanes) if var in self.lane else value.array)
-            else:
-                packed += [jnp.broadcast_to(jnp.asarray(one, value.dtype), shape) for one in value.cells.reshape(-1)]
-        return tuple(packed)
-
-    def unpack(self, packed: tuple[Any, ...]) -> dict[Any, Value]:
-        values: dict[Any, Value] = {}
-        rest = list(packed)
-        for var in self.variables:
-            if var.aval.size > scalars.WHOLE:
-                values[var] = Whole(rest.pop(0), var in self.lane)
-                continue
-            cells = np.empty(var.aval.size, object)
-            for i in range(var.aval.size):
-                cells[i] = rest.pop(0)
-            values[var] = Entries(cells.reshape(var.aval.shape), var.aval.dtype)
-        return values
