@@ -82,24 +82,6 @@ def test_every_lane_is_that_of_simulate(full):
         close(lane["xhat"], run.xhat[::4])
 
 
-class Walk(noise.AbstractNoise):
-    """Noise of a user's own that has a memory."""
-
-    def sample(self, key, ts, p):
-        w = jnp.cumsum(0.01 * jax.random.normal(key, (ts.shape[0], p), ts.dtype), axis=0)
-        return w, jnp.ones(w.shape, bool)
-
-
-@pytest.mark.slow
-def test_noise_beside_a_disturbance_with_a_memory_is_that_of_score():
-    """Over more than one block: the noise is drawn block by block, the disturbance at once."""
-    given = SMALL | {"ts": np.linspace(0, 1, 2 * noise.BLOCK + 2), "x0": [0.5, 0.0], "disturbance": Walk()}
-    found = study(PLANT, OBSERVER, **given)
-    keys = given.pop("keys")
-    for i in range(len(keys)):
-        close(found.rmse.sel(seed=i), jaxobs.score(PLANT, OBSERVER, key=keys[i], **given)["rmse"])
-
-
 def test_the_data_set_names_everything(full):
     lead = ("observer", "gamma", "a", "parts.0.sigma", "x0", "seed")
     assert {name: full[name].dims for name in full.data_vars} == {

@@ -54,7 +54,7 @@ def study(
     is lanes of one compiled loop. plant, signal, noise and disturbance: one, or a `grid` of it; the plant is the true one, and
     the observers' model may differ. The plant is None if the variants bring theirs.
     metrics: {name: metric}; the variable "diverged_at" [s] is always there, infinity where x and xhat stay finite. A lane that
-    diverges has NaN or infinity in its metrics and disturbs no other.
+    diverges has the time there, as a rule NaN or infinity in its metrics (ask diverged_at), and disturbs no other.
     x0, xhat0: (n,), or (members, n) for an axis of this name, or a function n -> one of these where variants change n.
     keys: PRNG keys along one axis, or `jaxobs.Seeds(key, count)`; needed with noise or disturbance.
     save: keep every save-th sample of x and xhat; None keeps no trajectories, and memory does not grow with time.
