@@ -196,12 +196,14 @@ def main() -> int:
     parser.add_argument("--lanes", type=int, nargs="+", default=[4096, 65536], help="multiples of 64")
     parser.add_argument("--steps", type=int, default=1000)
     parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--precision", nargs="+", choices=list(DTYPES), default=list(DTYPES))
+    parser.add_argument("--precision", nargs="+", choices=list(DTYPES), help="both, but for the chain (see _job.py)")
     parser.add_argument("--sigma", type=float, nargs="+", default=[0.0, SIGMA], help="of the noise; 0: none")
     parser.add_argument("--only", nargs="+", choices=[c.label for c in CONTENDERS], help="these contenders alone")
     parser.add_argument("--quick", action="store_true", help="4096 lanes x 200 steps, 3 rounds")
     parser.add_argument("--json", type=Path, help="all times, ratios and checks go here too")
     options = parser.parse_args()
+    if options.precision is None:
+        options.precision = ["float64"] if options.workload == "chain" else list(DTYPES)
     if options.quick:
         options.lanes, options.steps, options.rounds = [4096], 200, 3
     rows, shown, wrong = race(options)

@@ -21,7 +21,7 @@ from jaxobs.studies.axes import RESERVED, Axis, Group, Members, Seeds, lane_axes
 from jaxobs.studies.family import Family
 from jaxobs.studies.variants import Variants, labels
 
-LOOKED_AT = 64  # members of an axis whose sampling period and step are checked: the ends, and evenly between
+LOOKED_AT = 8  # members of an axis whose sampling period and step are checked: the ends, and evenly between
 
 
 def make_groups(
