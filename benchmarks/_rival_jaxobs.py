@@ -17,7 +17,7 @@ from jaxobs.studies.devices import use_all_cores
 from jaxobs.studies.groups import make_groups
 from jaxobs.studies.kernel import compile_group
 
-use_all_cores()
+use_all_cores(fuse=True)
 
 
 def prepare(job: Job):

@@ -12,7 +12,7 @@ import time
 
 import jaxobs
 
-jaxobs.studies.devices.use_all_cores()
+jaxobs.studies.devices.use_all_cores(fuse=True)
 
 import jax  # noqa: E402
 import numpy as np  # noqa: E402

@@ -43,7 +43,7 @@ def _child(lanes: int, steps: int, precision: str, noise: bool) -> None:
 
     import jaxobs
 
-    jaxobs.use_all_cores()
+    jaxobs.use_all_cores(fuse=True)
     jax.config.update("jax_enable_x64", precision == "float64")
     plant = jaxobs.plants.Pendulum()
     observer = jaxobs.observers.HighGain(plant, [3.0, 2.0], 6.0)

@@ -102,7 +102,7 @@ def fit(folder: Path, bytes_per_second: float) -> tuple[np.ndarray, float]:
 
 
 def main() -> None:
-    cores = jaxobs.use_all_cores()
+    cores = jaxobs.use_all_cores(fuse=True)
     jax.config.update("jax_enable_compilation_cache", False)  # k is that of a machine that has compiled nothing yet
     folder = Path(tempfile.mkdtemp(prefix="scaling-benchmark-"))
     try:

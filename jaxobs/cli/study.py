@@ -63,7 +63,7 @@ def study(
         for name, value in (("--rows", rows), ("--devices", devices), ("--chunk", chunk)):
             if value is not None and value < 1:
                 raise ValueError(f"{name}: given {value}; expected a whole number >= 1.")
-        set_up(devices, cache=not no_cache)
+        set_up(devices, cache=not no_cache, fuse="Adaptive" not in str(asked))  # wherever it may stand
         with _warnings():
             plant, families, arguments = asked.study()
     except (OSError, ValueError) as error:
@@ -71,13 +71,13 @@ def study(
     return _Job(config, store, as_json, rows).run(plant, families, arguments | {"store": store, "part": share, "chunk": chunk})
 
 
-def set_up(devices: int | None, *, cache: bool) -> None:
+def set_up(devices: int | None, *, cache: bool, fuse: bool) -> None:
     """All cores, 64-bit numbers where they are asked for, and what JAX compiles kept for the next call."""
     import jax
 
     from jaxobs.studies.devices import compile_cache, use_all_cores
 
-    use_all_cores(devices)
+    use_all_cores(devices, fuse=fuse)
     jax.config.update("jax_enable_x64", True)  # a study in float32 has parts of float32
     if cache and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         compile_cache()

@@ -34,7 +34,7 @@ def config(groups: tuple[Group, ...], shape_axes: Mapping[str, list[Any]]) -> di
         "jaxobs": __version__,
         "jax": jax.__version__,
         "platform": jax.default_backend(),
-        "use_all_cores": FLAGS in os.environ.get("XLA_FLAGS", ""),  # its compiler flag moves last bits
+        "fuse": FLAGS in os.environ.get("XLA_FLAGS", ""),  # use_all_cores(fuse=True) moves last bits
         "precision": str(first.dtype),
         "random streams": {
             "threefry_partitionable": jax.config.values["jax_threefry_partitionable"],

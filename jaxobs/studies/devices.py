@@ -14,10 +14,13 @@ from jaxobs._module import refuse
 FLAGS = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion"
 
 
-def use_all_cores(count: int | None = None) -> int:
+def use_all_cores(count: int | None = None, *, fuse: bool = False) -> int:
     """One CPU device for each core this process may use, or `count`; returns how many. To be called before JAX computes.
 
-    The command line does it; a library call leaves JAX as it is. RuntimeError once JAX has started its devices.
+    fuse: loops that share their operands become one, an experimental pass of XLA that makes studies at fixed steps faster. It
+    is set for the whole process, and XLA has been seen to stop the process over other programs (adaptive steps under vmap): for
+    processes that do studies at fixed steps and little else. The command line does both, fuse where the steps are fixed; a
+    library call leaves JAX as it is. RuntimeError once JAX has started its devices.
     """
     count = len(os.sched_getaffinity(0)) if count is None and hasattr(os, "sched_getaffinity") else count or os.cpu_count() or 1
     if count < 1:
@@ -29,7 +32,7 @@ def use_all_cores(count: int | None = None) -> int:
         given = f"{jax.local_device_count()} device(s) already in use"
         fix = "Call it right after importing jaxobs, before the first array is made."
         raise RuntimeError(f"use_all_cores: given {given}; expected a JAX that has not started. {fix}") from error
-    if "xla_backend_extra_options" not in given:
+    if fuse and "xla_backend_extra_options" not in given:
         os.environ["XLA_FLAGS"] = f"{given} {FLAGS}".strip()
     return count
 
