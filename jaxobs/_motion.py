@@ -27,9 +27,9 @@ class World(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """A run as three functions: (carry, cache) = start(...), carry, out = step(cache, carry, sample); results(carry).
+    """A run as two functions: carry, cache = start(...), then carry, out = step(cache, carry, sample) at every sample.
 
-    `cache` is what an integrator makes once, before the loop.
+    `cache` is what an integrator makes once, before the loop; `_loop.results` makes the metrics' values of the last carry.
     """
 
     world: World
@@ -62,6 +62,11 @@ class Motion(NamedTuple):
             return integrator.step(self._plant_field(sample), cache, sample.t, sample.dt, x), z
 
         return tick(self.observer, carry, sample, measure, advance, self.hold_innovation, self.metrics)
+
+    def sample(self, x: Float[Array, " n"], time: tuple[Any, Scalar, Scalar], drawn: "Drawn") -> Sample:
+        """What is given at one sample: time is (k, t_k, the step to the next sample), drawn that of this sample alone."""
+        k, t, dt = time
+        return Sample(k, t, dt, self.world.signal(t), drawn.w, drawn.valid, self.disturb(drawn.d, x))
 
     def streams(self, key: Any) -> tuple[Any, Any]:
         """The keys of noise and disturbance."""

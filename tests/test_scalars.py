@@ -24,7 +24,7 @@ def run(function, *batched, shared=(), lanes=LANES):
     values = [scalars.Whole(a, True) for a in batched] + [scalars.Whole(a, False) for a in shared]
     env = dict(zip(program.inputs, map(scalars.small, values), strict=True))
     scalars.evaluate(program, program.equations, env, lanes)
-    arrays = [scalars.spread(scalars.as_whole(scalars.output(o, program, env), lanes), lanes) for o in program.outputs]
+    arrays = [scalars.spread(scalars.as_whole(scalars.value_of(o, program, env), lanes), lanes) for o in program.outputs]
     return jax.tree.unflatten(jax.tree.structure(shape), arrays)
 
 
@@ -110,8 +110,8 @@ def test_what_all_lanes_share_is_computed_once():
     program, _ = scalars.trace(lambda x, u: (x * jnp.sin(u), jnp.cos(u)), X[0], jnp.asarray(0.3))
     env = {program.inputs[0]: scalars.small(scalars.Whole(X, True)), program.inputs[1]: scalars.Whole(jnp.asarray(0.3), False)}
     scalars.evaluate(program, program.equations, env, LANES)
-    assert scalars.differs(scalars.output(program.outputs[0], program, env))
-    assert not scalars.differs(scalars.output(program.outputs[1], program, env))
+    assert scalars.differs(scalars.value_of(program.outputs[0], program, env))
+    assert not scalars.differs(scalars.value_of(program.outputs[1], program, env))
 
 
 def test_shifts_and_structural_zeros_cost_nothing():

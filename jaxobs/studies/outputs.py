@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxobs._loop import Sample, results
+from jaxobs._loop import results
 from jaxobs._module import refuse
 from jaxobs.metrics import AbstractMetric
 from jaxobs.noise import BLOCK
@@ -46,9 +46,8 @@ def lane_of(group: Group) -> Lane:
 
     def lane(world: Any, grid: Any) -> tuple[Any, Any]:
         motion, x0, xhat0, key = group.motion(world, tuple(jnp.zeros((), jnp.int32) for _ in group.shape))
-        t, drawn = grid.ts[0], jax.tree.map(lambda path: path[0], motion.draw(motion.streams(key), grid.ts[:1]))
-        disturbed = motion.disturb(drawn.d, x0)
-        first = Sample(jnp.zeros((), jnp.int32), t, grid.dts[0], motion.world.signal(t), drawn.w, drawn.valid, disturbed)
+        drawn = jax.tree.map(lambda path: path[0], motion.draw(motion.streams(key), grid.ts[:1]))
+        first = motion.sample(x0, (jnp.zeros((), jnp.int32), grid.ts[0], grid.dts[0]), drawn)
         carry, cache = motion.start(x0, xhat0, first, grid.spacing)
         fixed = eqx.filter((cache, motion.world, motion.observer), eqx.is_array)
         return (carry, fixed, drawn), results(carry, world.metrics)

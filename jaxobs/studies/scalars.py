@@ -117,22 +117,15 @@ Value = Entries | Whole
 
 
 def evaluate(program: Program, equations: Sequence[Equation], env: dict[Any, Value], lanes: int, rules: bool = True) -> None:
-    """Runs the equations over `lanes`, adding what they define to `env`.
-
-    Without rules through `jax.vmap`.
-    """
+    """Runs the equations over `lanes`, adding what they define to `env`; without rules all through `jax.vmap`."""
     for equation in equations:
-        given = [_input(one, program, env) for one in equation.inputs]
+        given = [value_of(one, program, env) for one in equation.inputs]
         results = apply(equation, given, lanes) if rules else through_vmap(equation, given, lanes)
         env.update(zip(equation.outputs, results, strict=True))
 
 
-def output(atom: Any, program: Program, env: dict[Any, Value]) -> Value:
-    """The value of an output of the program."""
-    return _input(atom, program, env)
-
-
-def _input(atom: Any, program: Program, env: dict[Any, Value]) -> Value:
+def value_of(atom: Any, program: Program, env: dict[Any, Value]) -> Value:
+    """A literal, a constant of the program, or what `env` has."""
     if isinstance(atom, np.ndarray):
         return literal(atom)
     if atom not in env:
@@ -158,7 +151,7 @@ def loop(equation: Equation, given: list[Value], lanes: int) -> list[Value] | No
     def step(_: Any, packed: tuple[Any, ...]) -> tuple[Any, ...]:
         env = fixed | pack.unpack(packed)
         evaluate(body, body.equations, env, lanes)
-        return pack.pack({old: output(new, body, env) for old, new in ahead.items()})
+        return pack.pack({old: value_of(new, body, env) for old, new in ahead.items()})
 
     start = pack.pack({var: fixed[var] for var in states})
     end = pack.unpack(jax.lax.fori_loop(0, params["length"], step, start))

@@ -10,7 +10,7 @@ from jaxobs.studies import scalars
 from jaxobs.studies.scalar_rules import is_constant
 from jaxobs.studies.scalars import Equation, Pack, Program, Value, Variable
 from jaxobs.studies.sensitive import Sensitive, pick
-from jaxobs.studies.tile import Noise, set_up
+from jaxobs.studies.tile import Tile
 
 Of = Callable[[dict[str, Any]], Any]
 
@@ -47,60 +47,41 @@ class Tangents:
 def run_tangents(tangents: Tangents, indices: Any, of: Of) -> dict[str, Any]:
     """value (lanes,), gradient (lanes, P) and diverged_at (lanes,) of the lanes with these indices (axes, lanes)."""
     sensitive, lanes = tangents.sensitive, indices.shape[1]
-    traced, program = sensitive.traced, tangents.program
-    fixed, keys, carry = set_up(traced, indices)
+    program = tangents.program
+    tile = Tile(sensitive.traced, tangents.inputs, tangents.outputs, indices)
     some_fixed, some_carry = _start(sensitive, indices)
-    count = len(fixed)
-    states = tangents.inputs[count : count + len(carry)]
-    times, drawn = tangents.inputs[count + len(carry) : -3], tangents.inputs[-3:]
-    start = dict(zip(states, map(scalars.small, carry), strict=True))
-    ahead = {old: new for old, new in zip(states, tangents.outputs, strict=True) if new is not old}
-    noise = Noise(traced, fixed, keys, lanes)
-
-    base = dict(zip(tangents.inputs, map(scalars.small, fixed), strict=False))
-    base |= {old: start[old] for old in states if old not in ahead}
-    base |= {var: one for var, one in zip(drawn, noise.constants, strict=True) if one is not None}
-    first, rest = scalars.split(program, set(base) | set(tangents.fixed))
+    first, rest = scalars.split(program, set(tile.base) | set(tangents.fixed))
     linear = scalars.lane_variables(program.equations, {*tangents.fixed, *tangents.carry}, {})
     primal_first, linear_first = _apart(first, linear)
     primal, linear_rest = _apart(rest, linear)
-    scalars.evaluate(program, primal_first, base, lanes)
-    moved = _Pushed(program, tangents.fixed, linear_first, linear_rest, base, some_fixed, lanes)
-
-    lane = {var for var in drawn if var not in base} | {var for var, one in (start | base).items() if scalars.differs(one)}
-    lane = scalars.lane_variables(primal, lane, ahead)
-    pack = Pack(tuple(ahead), lane, lanes)
+    scalars.evaluate(program, primal_first, tile.base, lanes)
+    moved = _Pushed(program, tangents.fixed, linear_first, linear_rest, tile.base, some_fixed, lanes)
+    pack = tile.pack(primal)
     dots = Pack(tangents.carry, set(tangents.carry), lanes)
 
     def body(k: Any, new: list[Value], state: Any) -> Any:
         packed, moving = state
-        env = base | pack.unpack(packed)
-        env |= {
-            var: scalars.Entries.of(one) for var, one in zip(times, (k, traced.grid.ts[k], traced.grid.dts[k]), strict=True)
-        }
-        env |= dict(zip([var for var in drawn if var not in base], new, strict=True))
+        env = tile.base | pack.unpack(packed) | tile.at(k, new)
         scalars.evaluate(program, primal, env, lanes)
 
         def push(moving: Any, known: Any) -> Any:
             there = env | moved.known(known) | dots.unpack(moving)
             scalars.evaluate(program, linear_rest, there, lanes)
-            return dots.pack({old: scalars.output(one, program, there) for old, one in tangents.ahead.items()})
+            return dots.pack({old: scalars.value_of(one, program, there) for old, one in tangents.ahead.items()})
 
-        after = pack.pack({old: scalars.output(one, program, env) for old, one in ahead.items()})
+        after = pack.pack({old: scalars.value_of(one, program, env) for old, one in tile.ahead.items()})
         return after, jax.vmap(push)(moving, moved.cells)
 
-    begin = pack.pack({old: start[old] for old in ahead})
+    begin = pack.pack({old: tile.start[old] for old in tile.ahead})
     moving = jax.vmap(lambda some: dots.pack(dict(zip(tangents.carry, map(_cells, some), strict=True))))(some_carry)
-    packed, moving = noise.loop(body, (begin, moving))
-    end = start | pack.unpack(packed)
-    arrays = [scalars.spread(scalars.as_whole(end[var], lanes), lanes) for var in states]
+    packed, moving = tile.noise.loop(body, (begin, moving))
     ends = jax.vmap(lambda one: [scalars.spread(scalars.as_whole(v, lanes), lanes) for v in dots.unpack(one).values()])(moving)
 
     def finish(carry: Any, ends: Any) -> dict[str, Any]:
         value, push = jax.linearize(sensitive.end(carry, of), pick(carry, sensitive.carry))
         return {"value": value, "gradient": jax.vmap(push)(ends), "diverged_at": carry[-1]}
 
-    return jax.vmap(finish, in_axes=(0, 1))(jax.tree.unflatten(jax.tree.structure(traced.lane.carry), arrays), ends)
+    return jax.vmap(finish, in_axes=(0, 1))(tile.carry(pack.unpack(packed)), ends)
 
 
 class _Pushed:

@@ -4,7 +4,7 @@ A step is traced for one lane, taken apart into numbers (`scalars`) and run over
 determines is computed before the loop.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -12,13 +12,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxobs._loop import Grid, Sample, results
+from jaxobs._loop import Grid, results
 from jaxobs._motion import Drawn, Motion
 from jaxobs.noise import BLOCK
 from jaxobs.studies import scalars
 from jaxobs.studies.axes import Members
 from jaxobs.studies.fused import fused
-from jaxobs.studies.scalars import Entries, Program, Value, Whole
+from jaxobs.studies.scalars import Entries, Equation, Program, Value, Variable, Whole
 
 
 class Lane(NamedTuple):
@@ -52,7 +52,7 @@ class Traced:
         keys = motion.streams(key)
         shapes = jax.eval_shape(lambda keys: motion.draw(keys, self.grid.ts[:1]), keys)
         drawn = jax.tree.map(lambda a: jnp.zeros(a.shape[1:], a.dtype), shapes)
-        first = _sample(motion, x0, (jnp.zeros((), jnp.int32), self.grid.ts[0], self.grid.dts[0]), drawn)
+        first = motion.sample(x0, (jnp.zeros((), jnp.int32), self.grid.ts[0], self.grid.dts[0]), drawn)
         carry, cache = motion.start(x0, xhat0, first, self.grid.spacing)
         fixed, self.parts = eqx.partition((world, observer, cache), eqx.is_array)
         self.implementations = [jax.random.key_impl(key) for key in keys]
@@ -69,65 +69,74 @@ class Traced:
 
     def _step(self, fixed: Any, carry: Any, time: Any, drawn: Drawn) -> tuple[Any, Any]:
         motion, cache = self._motion(fixed)
-        return motion.step(cache, carry, _sample(motion, carry[0], time, drawn))
+        return motion.step(cache, carry, motion.sample(carry[0], time, drawn))
 
     def results(self, carry: Any) -> dict[str, Any]:
         """The metrics of one lane, from what it carries at the end."""
         return results(carry, self.members.metrics)
 
 
-def _sample(motion: Motion, x: Any, time: tuple[Any, Any, Any], drawn: Drawn) -> Sample:
-    k, t, dt = time
-    return Sample(k, t, dt, motion.world.signal(t), drawn.w, drawn.valid, motion.disturb(drawn.d, x))
+class Tile:
+    """A step's program, of these inputs and outputs, over the lanes with these indices (axes, lanes).
+
+    `base` has what is known before the loop; `start` and `ahead` the state, its variables at a sample and their values at the
+    next one.
+    """
+
+    def __init__(self, traced: Traced, inputs: tuple[Variable, ...], outputs: tuple[Any, ...], indices: Any):
+        self.traced, self.lanes = traced, indices.shape[1]
+        fixed, keys, carry = set_up(traced, indices)
+        states, given = inputs[len(fixed) : len(fixed) + len(carry)], inputs[len(fixed) + len(carry) :]
+        self.times, drawn = given[:-3], given[-3:]
+        self.start = dict(zip(states, map(scalars.small, carry), strict=True))
+        self.ahead = {old: new for old, new in zip(states, outputs, strict=False) if new is not old}
+        self.noise = Noise(traced, fixed, keys, self.lanes)
+        self.base: dict[Any, Value] = dict(zip(inputs, map(scalars.small, fixed), strict=False))
+        self.base |= {old: self.start[old] for old in states if old not in self.ahead}
+        self.base |= {var: one for var, one in zip(drawn, self.noise.constants, strict=True) if one is not None}
+        self.drawn = [var for var in drawn if var not in self.base]
+
+    def pack(self, equations: Sequence[Equation]) -> scalars.Pack:
+        """How the state is carried, if these equations move it."""
+        lane = {*self.drawn, *(var for var, one in (self.start | self.base).items() if scalars.differs(one))}
+        return scalars.Pack(tuple(self.ahead), scalars.lane_variables(equations, lane, self.ahead), self.lanes)
+
+    def at(self, k: Any, new: list[Value]) -> dict[Any, Value]:
+        """What is given at sample k: its times, and what was drawn for it."""
+        grid = self.traced.grid
+        times = zip(self.times, (k, grid.ts[k], grid.dts[k]), strict=True)
+        return {var: Entries.of(one) for var, one in times} | dict(zip(self.drawn, new, strict=True))
+
+    def carry(self, ahead: dict[Any, Value]) -> Any:
+        """What `Motion` carries, with these values of what moves, (lanes, ...) each."""
+        end = self.start | ahead
+        arrays = [scalars.spread(scalars.as_whole(end[var], self.lanes), self.lanes) for var in self.start]
+        return jax.tree.unflatten(jax.tree.structure(self.traced.lane.carry), arrays)
 
 
 def run_tile(traced: Traced, indices: Any, save: int | None) -> dict[str, Any]:
     """The metrics of the lanes with these indices (axes, lanes), (lanes, ...); with `save` x and xhat (lanes, times, n)."""
-    lanes = indices.shape[1]
-    fixed, keys, carry = set_up(traced, indices)
-    step, grid = traced.step, traced.grid
-    count = len(fixed)
-    states = step.inputs[count : count + len(carry)]
-    times, drawn = step.inputs[count + len(carry) : -3], step.inputs[-3:]
-    start = dict(zip(states, map(scalars.small, carry), strict=True))
-    ahead = {old: new for old, new in zip(states, step.outputs, strict=False) if new is not old}
-    noise = Noise(traced, fixed, keys, lanes)
-
-    base = dict(zip(step.inputs, map(scalars.small, fixed), strict=False))
-    base |= {old: start[old] for old in states if old not in ahead}
-    base |= {var: one for var, one in zip(drawn, noise.constants, strict=True) if one is not None}
-    first, rest = scalars.split(step, set(base))
-    scalars.evaluate(step, first, base, lanes)
-    lane = {var for var in drawn if var not in base} | {var for var, one in (start | base).items() if scalars.differs(one)}
-    lane = scalars.lane_variables(rest, lane, ahead)
-    pack = scalars.Pack(tuple(ahead), lane, lanes)
-    seen = step.outputs[len(carry) :]
+    step, lanes = traced.step, indices.shape[1]
+    tile = Tile(traced, step.inputs, step.outputs, indices)
+    first, rest = scalars.split(step, set(tile.base))
+    scalars.evaluate(step, first, tile.base, lanes)
+    pack = tile.pack(rest)
+    seen = () if save is None else step.outputs[len(tile.start) :]
 
     def body(k: Any, new: list[Value], state: Any) -> Any:
         packed, saved = state
-        env = base | pack.unpack(packed)
-        env |= {var: Entries.of(one) for var, one in zip(times, (k, grid.ts[k], grid.dts[k]), strict=True)}
-        env |= dict(zip([var for var in drawn if var not in base], new, strict=True))
+        env = tile.base | pack.unpack(packed) | tile.at(k, new)
         scalars.evaluate(step, rest, env, lanes)
         if save is not None:
             # A slot is written until its own sample comes: no branch in the loop.
-            x, xhat = (scalars.as_whole(scalars.output(one, step, env), lanes) for one in seen)
-            saved = tuple(
-                jax.lax.dynamic_update_index_in_dim(path, scalars.spread(one, lanes), (k + save - 1) // save, 1)
-                for path, one in zip(saved, (x, xhat), strict=True)
-            )
-        return pack.pack({old: scalars.output(new, step, env) for old, new in ahead.items()}), saved
+            both = [scalars.spread(scalars.as_whole(scalars.value_of(one, step, env), lanes), lanes) for one in seen]
+            slot = (k + save - 1) // save
+            saved = [jax.lax.dynamic_update_index_in_dim(path, one, slot, 1) for path, one in zip(saved, both, strict=True)]
+        return pack.pack({old: scalars.value_of(new, step, env) for old, new in tile.ahead.items()}), saved
 
-    room = (
-        ()
-        if save is None
-        else tuple(jnp.zeros((lanes, slots(traced.samples, save) + 1, *v.aval.shape), v.aval.dtype) for v in seen)
-    )
-    packed, saved = noise.loop(body, (pack.pack({old: start[old] for old in ahead}), room))
-    end = start | pack.unpack(packed)
-    arrays = [scalars.spread(scalars.as_whole(end[var], lanes), lanes) for var in states]
-    final = jax.tree.unflatten(jax.tree.structure(traced.lane.carry), arrays)
-    found = jax.vmap(traced.results)(final)
+    room = [jnp.zeros((lanes, slots(traced.samples, save or 1) + 1, *v.aval.shape), v.aval.dtype) for v in seen]
+    packed, saved = tile.noise.loop(body, (pack.pack({old: tile.start[old] for old in tile.ahead}), room))
+    found = jax.vmap(traced.results)(tile.carry(pack.unpack(packed)))
     return flat_names(found) | dict(zip(("x", "xhat"), (path[:, :-1] for path in saved), strict=False))
 
 
@@ -151,7 +160,7 @@ def set_up(traced: Traced, indices: Any) -> tuple[list[Whole], list[Whole], list
     env: dict[Any, Value] = dict(zip(program.inputs, given, strict=True))
     # By entries here too: how XLA sums the products of matrices depends on the number of devices.
     scalars.evaluate(program, program.equations, env, lanes)
-    values = [scalars.as_whole(scalars.output(one, program, env), lanes) for one in program.outputs]
+    values = [scalars.as_whole(scalars.value_of(one, program, env), lanes) for one in program.outputs]
     ends = np.cumsum([len(jax.tree.leaves(part)) for part in traced.lane])
     return values[: ends[0]], values[ends[0] : ends[1]], values[ends[1] :]
 
@@ -213,7 +222,7 @@ def _constant(output: Any, program: Program, env: dict[Any, Value]) -> Value | N
     """The value at one time of a stream (block, p), if all its entries are one constant."""
     if not (isinstance(output, np.ndarray) or output in env or output in program.constants):
         return None
-    whole = np.asarray(scalars.as_whole(scalars.output(output, program, env), 1).array)
+    whole = np.asarray(scalars.as_whole(scalars.value_of(output, program, env), 1).array)
     if whole.size and np.any(whole != whole.flat[0]):
         return None
     return scalars.literal(whole[0])
