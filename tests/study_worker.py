@@ -1,6 +1,7 @@
 """A small study in a process of its own, to be killed: study_worker.py STORE [I COUNT]. Prints a line for each chunk."""
 
 import sys
+import time
 import warnings
 
 import jax
@@ -12,6 +13,7 @@ from jaxobs.observers import HighGain
 from jaxobs.plants import Pendulum
 
 CHUNKS = 24
+PAUSE = 0.02  # s after a chunk: those it is to be stopped by would come too late on a fast machine
 
 
 def run(store=None, part=None, progress=None):
@@ -29,7 +31,12 @@ def run(store=None, part=None, progress=None):
         )  # fmt: skip
 
 
+def report(_):
+    print("computed", flush=True)
+    time.sleep(PAUSE)
+
+
 if __name__ == "__main__":
     where, *share = sys.argv[1:]
     jax.config.update("jax_enable_x64", True)
-    run(where, (int(share[0]), int(share[1])) if share else None, lambda _: print("computed", flush=True))
+    run(where, (int(share[0]), int(share[1])) if share else None, report)

@@ -10,29 +10,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from study_cases import FAMILY, GIVEN, KEYS, OBSERVER, PLANT, groups
 
 from jaxobs import Seeds, grid, integrators, metrics, noise, observers, plants, signals, variants
 from jaxobs.studies import memory, tree_mean, tree_sum
 from jaxobs.studies.axes import decimal
 from jaxobs.studies.config import config, describe, fingerprint
 from jaxobs.studies.dataset import block, frame
-from jaxobs.studies.groups import make_groups
 from jaxobs.studies.plan import block_of, make_plan, parts_of
 from jaxobs.studies.progress import Stop
-
-PLANT = plants.Pendulum()
-OBSERVER = observers.HighGain(PLANT, [1.5, 1.0], 3.0)
-FAMILY = grid(OBSERVER, gamma=[2.0, 3.0])
-KEYS = Seeds(jax.random.key(0), 3)
-GIVEN = {
-    "ts": np.linspace(0, 1, 11), "metrics": {"rmse": metrics.RMSE()}, "x0": [0.5, 0.0], "xhat0": [0, 0], "keys": None,
-    "signal": None, "noise": None, "disturbance": None, "integrator": None, "hold_innovation": False, "save": None,
-}  # fmt: skip
-NEEDED = {name: GIVEN[name] for name in ("ts", "metrics", "x0", "xhat0")}
-
-
-def groups(plant=PLANT, families=FAMILY, **given):
-    return make_groups(plant, families, **(GIVEN | given))
 
 
 def names(*args, **given):

@@ -1,7 +1,6 @@
 """Several devices, several processes and Dask workers end with the data set of one process on one device, bit for bit."""
 
 import importlib.util
-import os
 import re
 import socket
 import subprocess
@@ -9,34 +8,22 @@ import sys
 from pathlib import Path
 
 import pytest
+from study_processes import end, processes
 from study_stores import bits
 from study_worker import CHUNKS
 
 import jaxobs
 from jaxobs.studies.store import Store, open_study
 
-HERE = Path(__file__).parent
 LIMIT = 200  # s for one process
 slow = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
 def start(tmp_path_factory):
-    """Starts study_cluster.py, or study_worker.py with nothing but a store; none outlives the tests."""
-    cache = os.environ.get("JAX_COMPILATION_CACHE_DIR") or str(tmp_path_factory.mktemp("cache"))
-    environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": cache, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
-    started = []
-
-    def begin(*words) -> subprocess.Popen[str]:
-        program = "study_cluster.py" if words[1:] else "study_worker.py"
-        command = [sys.executable, str(HERE / program), *map(str, words)]
-        started.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment))
-        return started[-1]
-
-    yield begin
-    for process in started:
-        process.kill()
-        process.communicate()
+    """Starts study_cluster.py, or study_worker.py with nothing but a store."""
+    with processes(tmp_path_factory) as begin:
+        yield lambda *words: begin("study_cluster.py" if words[1:] else "study_worker.py", *words)
 
 
 @pytest.fixture(scope="module")
@@ -44,12 +31,6 @@ def undisturbed(start, tmp_path_factory):
     path = tmp_path_factory.mktemp("undisturbed") / "study"
     end(start(path))
     return open_study(path).load()
-
-
-def end(process) -> str:
-    out, errors = process.communicate(timeout=LIMIT)
-    assert process.returncode == 0, errors
-    return out
 
 
 def assert_same(path: Path, undisturbed) -> None:

@@ -1,6 +1,5 @@
 """Studies that are killed, interrupted, run out of disk or share a store end with the data set of an undisturbed one."""
 
-import os
 import random
 import signal
 import subprocess
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from study_processes import end, processes
 from study_stores import bits, files
 from study_worker import CHUNKS, run
 
@@ -17,26 +17,14 @@ from jaxobs.studies.store import Store, open_study
 
 pytestmark = pytest.mark.slow
 HERE = Path(__file__).parent
-WORKER = [sys.executable, str(HERE / "study_worker.py")]
 LIMIT = 120  # s for one process
 
 
 @pytest.fixture(scope="module")
 def start(tmp_path_factory):
-    """Starts a worker; those that come later find its compiled loop on the disk. None outlives the tests."""
-    cache = os.environ.get("JAX_COMPILATION_CACHE_DIR") or str(tmp_path_factory.mktemp("cache"))
-    environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": cache, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
-    started = []
-
-    def begin(store: Path, *part: int, before=()) -> subprocess.Popen[str]:
-        command = [*before, *WORKER, str(store), *map(str, part)]
-        started.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment))
-        return started[-1]
-
-    yield begin
-    for process in started:
-        process.kill()
-        process.communicate()
+    """Starts a worker on a store, with its part of it."""
+    with processes(tmp_path_factory) as begin:
+        yield lambda store, *part, before=(): begin("study_worker.py", store, *part, before=before)
 
 
 @pytest.fixture(scope="module")
@@ -44,13 +32,6 @@ def undisturbed(start, tmp_path_factory):
     path = tmp_path_factory.mktemp("undisturbed") / "study"
     end(start(path))
     return path
-
-
-def end(process) -> str:
-    """What a worker that ends well still had to print."""
-    out, errors = process.communicate(timeout=LIMIT)
-    assert process.returncode == 0, errors
-    return out
 
 
 def follow(process, lines: int) -> int:
@@ -96,8 +77,8 @@ def test_killed_at_every_operation(tmp_path):
 
 
 def test_killed_at_any_time_and_resumed(tmp_path, start, undisturbed):
-    draw, path, marked = random.Random(5), tmp_path / "study", set()
-    for _ in range(5):
+    draw, path, marked, cut_short = random.Random(5), tmp_path / "study", set(), 0
+    while cut_short < 5 and len(marked) < CHUNKS:  # a fast machine may be done before the fifth
         process = start(path)
         computed = follow(process, draw.randint(0, 5))
         time.sleep(draw.uniform(0, 0.05))
@@ -107,10 +88,11 @@ def test_killed_at_any_time_and_resumed(tmp_path, start, undisturbed):
             continue
         store, before = Store.read(path), marked
         marked = store.marked()
+        cut_short += len(marked) < CHUNKS
         assert before <= marked
         assert len(marked) >= len(before) + computed + rest.count("computed") - 1  # at most the one in flight is lost
         assert store.done() == marked  # none of them damaged
-    assert len(marked) < CHUNKS
+    assert cut_short >= 2
     assert end(start(path)).count("computed") == CHUNKS - len(marked)
     assert_same(path, undisturbed)
 

@@ -4,25 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from study_cases import FAMILY, GIVEN, KEYS, NEEDED, OBSERVER, PLANT, groups
 
 import jaxobs
 from jaxobs import Seeds, grid, integrators, metrics, noise, observers, plants, study, variants
-from jaxobs.studies.groups import check_names, make_groups
-
-PLANT = plants.Pendulum()
-OBSERVER = observers.HighGain(PLANT, [1.5, 1.0], 3.0)
-FAMILY = grid(OBSERVER, gamma=[2.0, 3.0])
-KEYS = Seeds(jax.random.key(0), 3)
-GIVEN = {
-    "ts": np.linspace(0, 1, 11), "metrics": {"rmse": metrics.RMSE()}, "x0": [0.5, 0.0], "xhat0": [0, 0], "keys": None,
-    "signal": None, "noise": None, "disturbance": None, "integrator": None, "hold_innovation": False, "save": None,
-}  # fmt: skip
-NEEDED = {name: GIVEN[name] for name in ("ts", "metrics", "x0", "xhat0")}
-
-
-def groups(plant=PLANT, families=FAMILY, **given):
-    return make_groups(plant, families, **(GIVEN | given))
-
+from jaxobs.studies.groups import check_names
 
 LABELS = {"one": FAMILY, "two": grid(OBSERVER, gamma=[2.0, 4.0])}
 REFUSED = [
