@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from jaxobs import plants as plants
     from jaxobs import signals as signals
     from jaxobs import studies as studies
+    from jaxobs import tuning as tuning
     from jaxobs._differentiate import Derivatives as Derivatives
     from jaxobs._differentiate import differentiate as differentiate
     from jaxobs._module import Module as Module
@@ -50,6 +51,8 @@ if TYPE_CHECKING:
     from jaxobs.studies import study as study
     from jaxobs.studies import use_all_cores as use_all_cores
     from jaxobs.studies import variants as variants
+    from jaxobs.tuning import Tuned as Tuned
+    from jaxobs.tuning import tune as tune
     # fmt: on
 
 _MODULES = (
@@ -74,6 +77,8 @@ _NAMES = {
     "score": "_simulate",
     "simulate": "_simulate",
     "static": "_module",
+    "Tuned": "tuning",
+    "tune": "tuning",
     "compile_cache": "studies",
     "study": "studies",
     "use_all_cores": "studies",

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from jaxobs._module import Numbers, as_param, concrete, refuse
+from jaxobs._module import Numbers, Scalar, as_param, concrete, refuse
 
 NEWTON_STEPS = 60  # more than n = 10 needs for q anywhere in 1e-3 .. 1e3
 
@@ -148,3 +148,13 @@ def normalise(alphas: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Arr
 def is_hurwitz(alphas: Numbers) -> bool:
     """Whether all roots of the concrete polynomial lie in the open left half plane (a float64 test, not a proof)."""
     return bool(np.all(np.roots(np.concatenate([[1.0], np.asarray(alphas, np.float64)])).real < 0))
+
+
+def moved(alphas: Float[Array, " n"], by: Scalar) -> Float[Array, " n"]:
+    """The coefficients of alpha(s + by), whose poles lie further left by that much: repeated synthetic division by s - by."""
+    size = alphas.shape[0]
+    coefficients = [jnp.ones_like(alphas[0]), *alphas]
+    for last in range(size, 0, -1):
+        for k in range(1, last + 1):
+            coefficients[k] = coefficients[k] + by * coefficients[k - 1]
+    return jnp.stack(coefficients[1:])

@@ -83,6 +83,16 @@ def condition5_margin(alphas: Float[Array, " n"], gamma: Float[Array, ""], lipsc
     return largest_lipschitz(alphas, gamma) - lipschitz
 
 
+def condition5_rate(alphas: Float[Array, " n"], gamma: Float[Array, ""], lipschitz: Float[Array, ""]) -> Float[Array, ""]:
+    """The decay rate of |e| that condition (5) proves, negative where it does not hold; NaN where (10) fails:
+
+    lambda_min(P^-1/2 Q P^-1/2) / 2 - rho sqrt((P^-1)_nn lambda_max(P)).
+    """
+    normal, scale = hurwitz.normalise(alphas)
+    _, slowest, _, valid = _gain_free_parts(normal)
+    return jnp.where(valid, gamma * scale * slowest / 2 * (1 - lipschitz / largest_lipschitz(alphas, gamma)), jnp.nan)
+
+
 def smallest_gamma(alphas: Float[Array, " n"], lipschitz: Numbers) -> Float[Array, ""]:
     """The infimum of the gamma for which condition (5) holds (strictly above it); infinite where (10) fails,
     else 0 for lipschitz = 0.

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxobs._module import refuse
+from jaxobs._module import refuse, require_integer
 
 LARGEST = 12  # channels: 4,096 corners
 
@@ -113,6 +113,19 @@ class Polytope:
     def in_time(self, unit: float) -> "Polytope":
         """The same dynamics in the time t / unit: every rate times unit. A gain there is unit L."""
         return Polytope(self.a * unit, self.b * unit, self.c, self.lower, self.upper, self.output, self.tied)
+
+    def behind(self, q: int) -> "Polytope":
+        """The error (eps, e) of an observer whose innovation passes q integrators: eps_i' = eps_{i+1}, eps_q' = output e, and
+        the gain (q + n, 1) acts on eps_1. For one output; e itself for q = 0."""
+        require_integer("Polytope.behind", "q", q, 0, "It counts the integrators between innovation and injection.")
+        if q == 0:
+            return self
+        if self.p != 1:
+            raise refuse("Polytope.behind", "q", q, "0 for more than one output", "Integrators are for a single output here.")
+        a = np.block([[np.eye(q, k=1), np.zeros((q, self.n))], [np.zeros((self.n, q)), self.a]])
+        a[q - 1, q:] = self.output[0]
+        b, c = np.pad(self.b, ((q, 0), (0, 0))), np.pad(self.c, ((0, 0), (q, 0)))
+        return Polytope(a, b, c, self.lower, self.upper, np.eye(1, q + self.n), self.tied)
 
 
 def as_tuples(array: np.ndarray) -> tuple[Any, ...]:

@@ -1,7 +1,23 @@
-"""Gains found by gradient, and what an order is worth against noise."""
+"""Gains found by gradient, with a proof at the end; and what an order is worth against noise."""
 
+from jaxobs.tuning._tune import Progress as Progress
+from jaxobs.tuning._tune import tune as tune
+from jaxobs.tuning.certifiers import AbstractCertifier as AbstractCertifier
+from jaxobs.tuning.certifiers import ByCondition5 as ByCondition5
+from jaxobs.tuning.certifiers import Linear as Linear
+from jaxobs.tuning.certifiers import Quadratic as Quadratic
+from jaxobs.tuning.certifiers import error_gain as error_gain
+from jaxobs.tuning.charts import Affine as Affine
+from jaxobs.tuning.charts import Box as Box
+from jaxobs.tuning.charts import LogQ as LogQ
+from jaxobs.tuning.charts import Lyapunov as Lyapunov
+from jaxobs.tuning.charts import PoleSector as PoleSector
+from jaxobs.tuning.charts import Positive as Positive
+from jaxobs.tuning.charts import decode as decode
+from jaxobs.tuning.charts import encode as encode
 from jaxobs.tuning.descent import Descent as Descent
 from jaxobs.tuning.descent import descend as descend
+from jaxobs.tuning.history import History as History
 from jaxobs.tuning.noise_law import MEASURES as MEASURES
 from jaxobs.tuning.noise_law import Measure as Measure
 from jaxobs.tuning.noise_law import Quietest as Quietest
@@ -10,3 +26,4 @@ from jaxobs.tuning.noise_law import quietest as quietest
 from jaxobs.tuning.noise_law import settling_time as settling_time
 from jaxobs.tuning.noise_law import speed as speed
 from jaxobs.tuning.noise_law import squared_error as squared_error
+from jaxobs.tuning.tuned import Tuned as Tuned

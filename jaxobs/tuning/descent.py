@@ -1,5 +1,6 @@
-"""Gradient descent with optax in one compiled loop, several starts side by side."""
+"""Gradient descent with optax in compiled blocks, several starts side by side."""
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -8,6 +9,9 @@ import jax
 import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Float
+
+SHRINK, GROW = 0.5, 1.1  # of the step after one that failed, and after one that did not
+Loss = Callable[[Any, Any], Any]
 
 
 class Descent(NamedTuple):
@@ -18,13 +22,83 @@ class Descent(NamedTuple):
     history: Float[Array, "starts steps"]
 
 
+class State(NamedTuple):
+    """Of every start: the iterate, that of the optimiser, the best so far with its loss, and what steps are scaled by."""
+
+    theta: Any
+    optimizer: Any
+    best: Any
+    value: Any
+    scale: Any
+
+
+class Record(NamedTuple):
+    """Of every start and step, before the step: the loss, what else it returned, the norm of its gradient, whether the step
+    counts (finite loss and gradient)."""
+
+    value: Any
+    parts: Any
+    slope: Any
+    good: Any
+
+
 def cosine_adam(rate: float, steps: int) -> optax.GradientTransformation:
     """Adam with clipped gradients and a rate that falls to a fiftieth along a cosine."""
     return optax.chain(optax.clip_by_global_norm(1.0), optax.adam(optax.cosine_decay_schedule(rate, steps, 0.02)))
 
 
+class Search:
+    """loss(theta, arg) -> (value, parts), descended upon from several starts; `run` is compiled once for each number of steps.
+
+    The best iterate is kept, not the last. A step to a loss or gradient that is not finite is taken back to the best iterate,
+    and the next ones are shorter. optimizer: any of optax, with a line search too (optax.lbfgs()). Precision: that of theta.
+    """
+
+    def __init__(self, loss: Loss, optimizer: optax.GradientTransformation):
+        self.loss, self.optimizer = loss, optax.with_extra_args_support(optimizer)
+
+    def begin(self, thetas: Any) -> State:
+        """thetas: a pytree with a leading axis of starts."""
+
+        def one(theta: Any) -> State:
+            dtype = jax.tree.leaves(theta)[0].dtype
+            return State(theta, self.optimizer.init(theta), theta, jnp.asarray(jnp.inf, dtype), jnp.ones((), dtype))
+
+        return jax.vmap(one)(thetas)
+
+    def run(self, state: State, args: Any, steps: int) -> tuple[State, Record]:
+        """args: a pytree with a leading axis of starts. Records have the shape (starts, steps)."""
+        return self._run(state, args, steps)
+
+    @functools.cached_property
+    def _run(self) -> Any:
+        def many(state: State, args: Any, steps: int) -> tuple[State, Record]:
+            def one(state: State, arg: Any) -> tuple[State, Record]:
+                return jax.lax.scan(lambda carry, _: self._step(carry, arg), state, None, length=steps)
+
+            return jax.vmap(one)(state, args)
+
+        return eqx.filter_jit(many)
+
+    def _step(self, state: State, arg: Any) -> tuple[State, Record]:
+        theta = state.theta
+        (value, parts), gradient = jax.value_and_grad(self.loss, has_aux=True)(theta, arg)
+        good = jnp.isfinite(value) & _all_finite(gradient)
+        better = good & (value < state.value)
+        best, least = _where(better, theta, state.best), jnp.where(better, value, state.value)
+        slope = optax.tree.norm(gradient)
+        gradient = _where(good, gradient, jax.tree.map(jnp.zeros_like, gradient))
+        with jax.numpy_dtype_promotion("standard"):  # optax mixes its integer step count with floats
+            more = {"value": value, "grad": gradient, "value_fn": lambda x: self.loss(x, arg)[0]}
+            updates, optimizer = self.optimizer.update(gradient, state.optimizer, theta, **more)
+        scale = jnp.where(good, jnp.minimum(state.scale * GROW, 1), state.scale * SHRINK)
+        moved = jax.tree.map(lambda x, step: x + scale * step, theta, updates)
+        moved = _where(_all_finite(moved), moved, best)  # a line search that saw no finite value
+        return State(_where(good, moved, best), optimizer, best, least, scale), Record(value, parts, slope, good)
+
+
 def descend(
-    loss: Callable[[Any, Any], Any],
+    loss: Loss,
     thetas: Any,
     args: Any = None,
     *,
@@ -34,32 +108,14 @@ def descend(
 ) -> Descent:
     """Minimises loss(theta, arg) from every start: `thetas` and `args` are pytrees with a leading axis of starts.
 
-    The best iterate is kept, not the last; a step to a loss or gradient that is not finite is taken back to the best iterate.
-    Everything is one `lax.scan` under `vmap`, compiled once. optimizer defaults to Adam at `rate` with a cosine decay.
-    Precision: that of thetas; float64 is advised for gains (their gradients spread over decades).
+    optimizer defaults to Adam at `rate` with a cosine decay. float64 is advised for gains: their gradients spread over decades.
+    See `Search` for what happens at steps that fail.
     """
     optimizer = cosine_adam(rate, steps) if optimizer is None else optimizer
-    starts = jax.tree.leaves(thetas)[0].shape[0]
-
-    def one(theta, arg):
-        def step(carry, _):
-            theta, state, best, least = carry
-            value, gradient = jax.value_and_grad(loss)(theta, arg)
-            good = jnp.isfinite(value) & _all_finite(gradient)
-            better = good & (value < least)
-            best, least = _where(better, theta, best), jnp.where(better, value, least)
-            gradient = _where(good, gradient, jax.tree.map(jnp.zeros_like, gradient))
-            with jax.numpy_dtype_promotion("standard"):  # optax mixes its integer step count with floats
-                updates, next_state = optimizer.update(gradient, state, theta)
-            theta = _where(good, optax.apply_updates(theta, updates), best)
-            return (theta, next_state, best, least), value
-
-        start = (theta, optimizer.init(theta), theta, jnp.asarray(jnp.inf, jax.tree.leaves(theta)[0].dtype))
-        (_, _, best, least), history = jax.lax.scan(step, start, None, length=steps)
-        return Descent(best, least, history)
-
-    mapped = jax.vmap(one, axis_size=starts, in_axes=(0, None if args is None else 0))
-    return eqx.filter_jit(mapped)(thetas, args)
+    search = Search(lambda theta, arg: (loss(theta, arg), ()), optimizer)
+    args = jnp.zeros(jax.tree.leaves(thetas)[0].shape[0]) if args is None else args
+    state, record = search.run(search.begin(jax.tree.map(jnp.asarray, thetas)), args, steps)
+    return Descent(state.best, state.value, record.value)
 
 
 def _all_finite(tree: Any) -> Array:

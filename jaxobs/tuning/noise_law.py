@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from jaxobs import hurwitz, linalg
 from jaxobs._module import Numbers, Scalar, as_param, refuse, require_integer, require_positive
@@ -158,7 +158,7 @@ def _search(q: int):
         return beta * (target * squared_error(beta, q)) ** order
 
     def shifted(beta, v, target):
-        return _shift(beta * jnp.exp(v[-1]) ** order, target)
+        return hurwitz.moved(beta * jnp.exp(v[-1]) ** order, target)
 
     branches = [settled, squared, shifted]
 
@@ -169,13 +169,3 @@ def _search(q: int):
         return jnp.where(jnp.isfinite(c) & (c > 0), c, jnp.inf), alphas
 
     return jax.jit(jax.vmap(one, in_axes=(0, None, None)))
-
-
-def _shift(alphas: Float[Array, " N"], by: Scalar) -> Float[Array, " N"]:
-    """The coefficients of alpha(s + by), whose poles lie further left by that much."""
-    size = alphas.shape[0]
-    coefficients = [jnp.ones_like(alphas[0]), *alphas]
-    for last in range(size, 0, -1):  # repeated synthetic division by s - by
-        for k in range(1, last + 1):
-            coefficients[k] = coefficients[k] + by * coefficients[k - 1]
-    return jnp.stack(coefficients[1:])

@@ -1,0 +1,61 @@
+"""What shall be proved of a tuned observer: a log-barrier to stay behind on the way, an exact certificate at the end."""
+
+import abc
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jaxobs._module import Scalar
+from jaxobs.certificates import AbstractCertificate
+from jaxobs.observers import Observer
+
+
+class Start(NamedTuple):
+    """Where a search for a proof starts. fixed: constants, a pytree; free: what is searched along with the gains, of one shape
+    for all observers of a kind; rate: the largest one (the least factor a step) that was proved there in floats, possibly
+    negative (above 1); infinite if none is known."""
+
+    fixed: Any
+    free: Any
+    rate: float
+
+
+class AbstractCertifier(abc.ABC):
+    """A theorem for an observer and a decay rate, in the three forms that a search needs.
+
+    start(observer, rate)                   on the host: from what witnesses the search starts
+    barrier(observer, fixed, free, rate)    in JAX: -sum log det of what is positive definite if and only if the witnesses
+                                            prove the rate, of `size` rows in all; NaN where it is not
+    prove(observer, fixed, free, rate)      on the host: the exact certificate; Infeasible where it does not hold
+    """
+
+    unit: str = "1/s"
+
+    @abc.abstractmethod
+    def start(self, observer: Observer, rate: float) -> Start: ...
+
+    @abc.abstractmethod
+    def barrier(self, observer: Observer, fixed: Any, free: Any, rate: Scalar) -> Scalar: ...
+
+    @abc.abstractmethod
+    def prove(self, observer: Observer, fixed: Any, free: Any, rate: float) -> AbstractCertificate: ...
+
+
+def minus_log_det(m: Float[Array, "corners k k"]) -> Scalar:
+    """-sum log det over matrices (corners, k, k), by their pivots; NaN where one is not positive definite.
+
+    Written out, for the small k here: compiled, it is one loop over the corners, where a factorisation is a library call.
+    """
+    total = jnp.zeros((), m.dtype)
+    while m.shape[-1] > 0:
+        pivot = m[:, 0, 0]
+        total = total - jnp.sum(jnp.log(jnp.where(pivot > 0, pivot, jnp.nan)))
+        column = m[:, 1:, 0]
+        m = m[:, 1:, 1:] - column[:, :, None] * column[:, None, :] / pivot[:, None, None]
+    return total
+
+
+def blocks(rows: list[list[Array]]) -> Array:
+    """The matrix of these blocks, along the last two axes."""
+    return jnp.concatenate([jnp.concatenate(row, -1) for row in rows], -2)
