@@ -68,6 +68,10 @@ from jaxobs.designs.sampled_data import euler_delta as euler_delta
 from jaxobs.designs.sampled_data import largest_delta as largest_delta
 from jaxobs.designs.sampled_data import sampled_data as sampled_data
 from jaxobs.designs.sampled_data import sampling as sampling
+from jaxobs.designs.sdp_value import Optimum as Optimum
+from jaxobs.designs.sdp_value import SdpProblem as SdpProblem
+from jaxobs.designs.sdp_value import SdpValue as SdpValue
+from jaxobs.designs.sdp_value import sdp_value as sdp_value
 from jaxobs.designs.sets import Around as Around
 from jaxobs.designs.sets import Band as Band
 from jaxobs.designs.sets import Box as Box

@@ -108,11 +108,7 @@ def feasible(unknowns: Unknowns, lmis: Callable[..., Matrices]) -> Solution:
     at unit vectors; nothing checks that). Normalise what is homogeneous: fix a trace, or add I - P > 0. Nothing is raised where
     there is no solution or the solvers fail: see `Solution`. Source: Boyd and Vandenberghe, Convex Optimization, section 11.4.
     """
-    constant, linear = _coefficients(unknowns, lmis)
-    pushed = [np.concatenate([part, -np.eye(len(first))[None]]) for first, part in zip(constant, linear, strict=True)]
-    size = linear[0].shape[0]
-    reach = np.append(_reach(unknowns), max(np.max(np.abs(first), initial=1.0) for first in constant) * 1e4)
-    return _solve(unknowns, (constant, pushed), np.append(np.zeros(size), 1.0), 0.0, reach, (constant, linear))
+    return largest_margin(unknowns, *_coefficients(unknowns, lmis))
 
 
 def optimise(
@@ -127,10 +123,26 @@ def optimise(
     start, slopes = _coefficients(unknowns, lambda **x: [np.reshape(maximise(**x), (1, 1))])
     shifted = [first - margin * np.eye(len(first)) for first in constant]
     objective, offset = slopes[0][:, 0, 0], float(start[0][0, 0])
-    return _solve(unknowns, (shifted, linear), objective, offset, _reach(unknowns), (constant, linear))
+    return _solve(unknowns, (shifted, linear), objective, offset, reach_of(unknowns), (constant, linear))
 
 
-def _reach(unknowns: Unknowns) -> np.ndarray:
+def largest_margin(unknowns: Unknowns, constant: list[np.ndarray], linear: list[np.ndarray]) -> Solution:
+    """`feasible`, of F_i(0) (k_i, k_i) and the slopes of F_i (entries, k_i, k_i)."""
+    pushed, objective, reach = phase_one(unknowns, constant, linear)
+    return _solve(unknowns, (constant, pushed), objective, 0.0, reach, (constant, linear))
+
+
+def phase_one(
+    unknowns: Unknowns, constant: list[np.ndarray], linear: list[np.ndarray]
+) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+    """(slopes, objective, reach) of max t:   F_i(x) - t I >= 0, t the last entry."""
+    pushed = [np.concatenate([part, -np.eye(len(first))[None]]) for first, part in zip(constant, linear, strict=True)]
+    far = max(np.max(np.abs(first), initial=1.0) for first in constant) * 1e4
+    return pushed, np.append(np.zeros(len(linear[0])), 1.0), np.append(reach_of(unknowns), far)
+
+
+def reach_of(unknowns: Unknowns) -> np.ndarray:
+    """The reach of every free entry, (entries,)."""
     return np.concatenate([np.full(len(unknown.basis), unknown.reach) for unknown in unknowns.values()])
 
 
@@ -154,21 +166,25 @@ def _coefficients(unknowns: Unknowns, lmis: Callable[..., Matrices]) -> tuple[li
 
 def _solve(unknowns, program, objective, offset, reach, inequalities) -> Solution:
     """maximise objective'x + offset with program >= 0 and |x| <= reach; `inequalities` are what the margin is taken of."""
-    for propose in (_clarabel, _scs):  # SCS is asked only when Clarabel returns no values at all
-        x, duals = propose(program, objective, reach)
-        if x is None:
-            continue
-        entries = x[: len(inequalities[1][0])]
-        margin = min(float(_lowest(_at(f, entries))) for f in zip(*inequalities, strict=True))
-        is_phase_one = len(entries) < len(x)
-        bound = _bound(program, objective, reach, duals)
-        if not (is_phase_one and margin > 0):  # a feasible point is at hand: nothing to refute
-            refined = _refined(program, objective, duals)
-            if (better := _bound(program, objective, reach, refined)) < bound:
-                bound, duals = better, refined
-        value = margin if is_phase_one else float(objective @ x + offset)
-        return Solution(_named(unknowns, entries), margin, value, offset + bound, tuple(duals))
-    return Solution({}, -np.inf, -np.inf, np.inf, ())
+    x, duals = proposal(program, objective, reach)
+    if x is None:
+        return Solution({}, -np.inf, -np.inf, np.inf, ())
+    entries = x[: len(inequalities[1][0])]
+    margin = lowest(inequalities, entries)
+    is_phase_one = len(entries) < len(x)
+    bound = dual_bound(program, objective, reach, duals)
+    if not (is_phase_one and margin > 0):  # a feasible point is at hand: nothing to refute
+        refined = _refined(program, objective, duals)
+        if (better := dual_bound(program, objective, reach, refined)) < bound:
+            bound, duals = better, refined
+    value = margin if is_phase_one else float(objective @ x + offset)
+    return Solution(_named(unknowns, entries), margin, value, offset + bound, tuple(duals))
+
+
+def proposal(program, objective, reach) -> tuple[np.ndarray | None, list[np.ndarray]]:
+    """x and the duals as a solver has them; None if no solver has any. SCS is asked only when Clarabel returns nothing."""
+    x, duals = _clarabel(program, objective, reach)
+    return (x, duals) if x is not None else _scs(program, objective, reach)
 
 
 def _clarabel(program, objective, reach) -> tuple[np.ndarray | None, list[np.ndarray]]:
@@ -230,7 +246,7 @@ def _refined(program, objective, duals) -> list[np.ndarray]:
     return duals
 
 
-def _bound(program, objective, reach, duals) -> float:
+def dual_bound(program, objective, reach, duals) -> float:
     """Weak duality over the box: objective'x <= sum_i <Z_i, F_i(0)> + sum_j reach_j |objective_j + sum_i <Z_i, F_ij>|."""
     constant, linear = program
     residual = objective + sum(np.einsum("jab,ab->j", slopes, z) for slopes, z in zip(linear, duals, strict=True))
@@ -243,13 +259,10 @@ def positive_part(z: np.ndarray) -> np.ndarray:
     return (vectors * np.maximum(values, 0)) @ vectors.T
 
 
-def _at(inequality, x: np.ndarray) -> np.ndarray:
-    first, slopes = inequality
-    return first + np.tensordot(x, slopes, 1)
-
-
-def _lowest(f: np.ndarray) -> float:
-    return scipy.linalg.eigvalsh(f)[0]
+def lowest(program, x: np.ndarray) -> float:
+    """min_i lambda_min(F_i(x))."""
+    found = (first + np.tensordot(x, slopes, 1) for first, slopes in zip(*program, strict=True))
+    return min(float(scipy.linalg.eigvalsh(f)[0]) for f in found)
 
 
 def _named(unknowns: Unknowns, x: np.ndarray) -> dict[str, np.ndarray]:

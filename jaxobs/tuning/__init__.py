@@ -15,8 +15,14 @@ from jaxobs.tuning.charts import PoleSector as PoleSector
 from jaxobs.tuning.charts import Positive as Positive
 from jaxobs.tuning.charts import decode as decode
 from jaxobs.tuning.charts import encode as encode
+from jaxobs.tuning.comparison import Comparison as Comparison
+from jaxobs.tuning.comparison import Row as Row
+from jaxobs.tuning.comparison import compare as compare
 from jaxobs.tuning.descent import Descent as Descent
 from jaxobs.tuning.descent import descend as descend
+from jaxobs.tuning.floors import KalmanBound as KalmanBound
+from jaxobs.tuning.floors import disturbance_covariance as disturbance_covariance
+from jaxobs.tuning.floors import kalman_bound as kalman_bound
 from jaxobs.tuning.history import History as History
 from jaxobs.tuning.noise_law import MEASURES as MEASURES
 from jaxobs.tuning.noise_law import Measure as Measure
@@ -26,4 +32,6 @@ from jaxobs.tuning.noise_law import quietest as quietest
 from jaxobs.tuning.noise_law import settling_time as settling_time
 from jaxobs.tuning.noise_law import speed as speed
 from jaxobs.tuning.noise_law import squared_error as squared_error
+from jaxobs.tuning.posterior_bound import PosteriorBound as PosteriorBound
+from jaxobs.tuning.posterior_bound import posterior_cramer_rao as posterior_cramer_rao
 from jaxobs.tuning.tuned import Tuned as Tuned

@@ -9,11 +9,11 @@ import numpy as np
 
 from jaxobs.designs import Infeasible
 from jaxobs.tuning.certifiers.base import AbstractCertifier
-from jaxobs.tuning.descent import Search, cosine_adam
+from jaxobs.tuning.descent import Search, backtracking_lbfgs
 
-STEPS, BLOCK = 2000, 100  # of the search for a feasible start
+BLOCK, BLOCKS = 20, 5  # steps of the search for a feasible start, for each weight of the barrier
 ROOM = 1e-3  # by which a start proves more than the rate, relative
-CENTRING = 0.1  # weight of the barrier against the missing rate
+CENTRING = (1e-1, 1e-2, 1e-3)  # weights of the barrier against the missing rate
 DOUBLINGS = 60  # of the rate that is given up until something is proved
 
 
@@ -73,26 +73,26 @@ def _moved(
         unit *= 2
     else:
         return None, -sign * np.inf
-    unit, best = 2 * unit, 2 * unit
+    unit = best = 2 * unit
     for over_theta in (False, True) if jax.tree.leaves(free) else (True,):
 
-        def loss(variables: Any, own: Any, over_theta: bool = over_theta, unit: float = unit) -> tuple[Any, Any]:
-            theta, free, s = variables
-            return s + CENTRING * barrier(theta if over_theta else own, free, s * unit), ()
+        def loss(variables: Any, arg: Any, over_theta: bool = over_theta) -> tuple[Any, Any]:
+            (theta, free, s), (own, centring) = variables, arg
+            return s + centring * barrier(theta if over_theta else own, free, s * unit), ()
 
-        search = Search(loss, cosine_adam(5e-2, STEPS))
-        state, before = search.begin(jax.tree.map(lambda a: jnp.asarray(a)[None], (theta, free, best / unit))), np.inf
-        own = jax.tree.map(lambda a: jnp.asarray(a)[None], theta)
-        for _ in range(STEPS // BLOCK):
-            state, _ = search.run(state, own, BLOCK)
-            moved, found, s = jax.tree.map(lambda a: a[0], state.best)
-            at = moved if over_theta else theta
-            if proves(at, found, -room):
-                return start._replace(theta=at, free=found, repaired=over_theta), rate
-            missing = float(s) * unit
+        search = Search(loss, backtracking_lbfgs())
+        for centring in CENTRING:
+            state = search.begin(_first_axis((theta, free, best / unit)))
+            for _ in range(BLOCKS):
+                state, _ = search.run(state, _first_axis((theta, centring)), BLOCK)
+                moved, found, s = jax.tree.map(lambda a: a[0], state.best)
+                at = moved if over_theta else theta
+                if proves(at, found, -room):
+                    return start._replace(theta=at, free=found, repaired=over_theta), rate
             if np.isfinite(state.value[0]):
-                theta, free, best = at, found, min(best, missing)
-            if before - best < 1e-3 * abs(best):
-                break
-            before = best
+                theta, free, best = at, found, min(best, float(s) * unit)
     return None, rate - sign * best
+
+
+def _first_axis(tree: Any) -> Any:
+    return jax.tree.map(lambda a: jnp.asarray(a)[None], tree)

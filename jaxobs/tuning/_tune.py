@@ -15,13 +15,13 @@ from jaxobs.designs import Infeasible
 from jaxobs.tuning._checks import require_arguments, require_dependence, require_finite_loss
 from jaxobs.tuning._feasible import Candidate, first_candidates
 from jaxobs.tuning.certifiers.base import AbstractCertifier
-from jaxobs.tuning.descent import Search, State, cosine_adam
+from jaxobs.tuning.descent import Search, State, backtracking_lbfgs
 from jaxobs.tuning.history import History, joined
 from jaxobs.tuning.tuned import Tuned
 
-WEIGHTS = (1e-1, 2e-2, 4e-3, 1e-3)  # of the barrier against the loss, both of size one: the last leaves about 0.1 % unused
-BLOCK = 50  # steps between two looks: at progress, at Ctrl-C, at whether to stop
-SETTLED = 1e-5  # relative: less than that over two blocks ends a stage
+WEIGHTS = (1e-1, 1e-2, 1e-3, 1e-4)  # of the barrier against the loss, both of size one: the last leaves about 0.01 % unused
+BLOCK = 20  # steps between two looks: at progress, at Ctrl-C, at whether to stop
+SETTLED = 1e-6  # relative: less than that over two blocks ends a stage
 
 
 class Progress(NamedTuple):
@@ -44,8 +44,7 @@ def tune(
     keys: Any = None,
     starts: Sequence[Any] = (),
     optimizer: optax.GradientTransformation | None = None,
-    steps: int = 300,
-    learning_rate: float = 2e-2,
+    steps: int = 100,
     price: bool = True,
     progress: Callable[[Progress], None] | None = None,
 ) -> Tuned:
@@ -60,10 +59,10 @@ def tune(
     observers the factor a step in ]0, 1]; 0 (1) if not given.
 
     The witnesses of the proof are searched along with theta, under a log-barrier whose weight falls in stages of at most
-    `steps` steps (optimizer: of optax, Adam at `learning_rate` if not given). At the end the iterates with the least loss are
+    `steps` steps (optimizer: of optax, L-BFGS with backtracking if not given). At the end the iterates with the least loss are
     proved in exact arithmetic until one holds: a gain that is not proved is never returned unless certify=None is said. price:
     search once more without the certificate, to say what it costs. A start that does not prove the rate is moved until it does.
-    Ctrl-C ends the search; the best so far is proved and returned. progress: called after every 50 steps.
+    Ctrl-C ends the search; the best so far is proved and returned. progress: called after every 20 steps.
 
     Infeasible where no start could be moved to prove the rate; its `best` is the nearest rate that was. ValueError in float32,
     for a theta without numbers, a loss that is not finite at a start (it names start and key) or does not depend on a part of
@@ -78,7 +77,7 @@ def tune(
         require_finite_loss(mean, theta, i)
     require_dependence(lambda theta: mean(theta)[0], thetas[0])
     first_loss = float(mean(thetas[0])[0])
-    optimizer = cosine_adam(learning_rate, steps) if optimizer is None else optimizer
+    optimizer = backtracking_lbfgs() if optimizer is None else optimizer
     if certify is None:
         run = _Run(mean, make, None, rate, optimizer, steps, progress)
         candidates = [Candidate(i, theta, (), (), False) for i, theta in enumerate(thetas)]

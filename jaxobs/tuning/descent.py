@@ -47,6 +47,11 @@ def cosine_adam(rate: float, steps: int) -> optax.GradientTransformation:
     return optax.chain(optax.clip_by_global_norm(1.0), optax.adam(optax.cosine_decay_schedule(rate, steps, 0.02)))
 
 
+def backtracking_lbfgs() -> optax.GradientTransformation:
+    """L-BFGS whose line search goes back from where the loss is not finite. Nocedal and Wright, Numerical Optimization, 7.2."""
+    return optax.lbfgs(linesearch=optax.scale_by_backtracking_linesearch(max_backtracking_steps=30, store_grad=True))
+
+
 class Search:
     """loss(theta, arg) -> (value, parts), descended upon from several starts; `run` is compiled once for each number of steps.
 

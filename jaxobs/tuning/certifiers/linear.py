@@ -7,7 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
+from jaxtyping import Array, Float
 
+from jaxobs import linalg
 from jaxobs._module import refuse, require_instance
 from jaxobs.certificates import Corners, StepCorners
 from jaxobs.designs import Infeasible
@@ -16,8 +18,7 @@ from jaxobs.designs._proofs import unit_size
 from jaxobs.designs.polytope import as_tuples
 from jaxobs.observers import AbstractStepObserver
 from jaxobs.plants import AbstractFlowPlant, AbstractStepPlant
-from jaxobs.tuning.certifiers.base import AbstractCertifier, Start
-from jaxobs.tuning.certifiers.quadratic import decay_barrier
+from jaxobs.tuning.certifiers.base import AbstractCertifier, Start, minus_log_det
 from jaxobs.tuning.linear_error import linearise
 
 SHORT = 1e-3  # by which a Lyapunov matrix is made for a little less than the slowest pole allows
@@ -57,13 +58,16 @@ class Linear(AbstractCertifier):
         p = _lyapunov(f, reached, self.step)
         t = centred(p)
         speed = 1.0 if self.step else max(float(np.linalg.norm(np.linalg.solve(t, f @ t), 2)), 1e-300)
-        fixed = {"t": t, "inverse": np.linalg.inv(t), "speed": np.asarray(speed)}
-        free = {"root": np.zeros(len(f) * (len(f) + 1) // 2)}
-        return Start(jax.tree.map(jnp.asarray, fixed), jax.tree.map(jnp.asarray, free), reached)
+        fixed = {"t": t, "inverse": np.linalg.inv(t), "speed": np.asarray(speed)}  # coordinates in which F is of size one
+        return Start(jax.tree.map(jnp.asarray, fixed), (), reached)
 
     def barrier(self, observer, fixed, free, rate):
-        f = fixed["inverse"] @ self._f(observer) @ fixed["t"] / fixed["speed"]
-        return decay_barrier(f[None], free["root"], rate if self.step else rate / fixed["speed"], step=self.step)
+        """log det P / N of (F + rate)'P + P (F + rate) + I = 0, or F'P F / factor^2 - P + I = 0: P > 0 if and only if every
+        pole lies inside; like -log of the distance where one comes close."""
+        f = (fixed["inverse"] @ self._f(observer) @ fixed["t"]) / (rate if self.step else fixed["speed"])
+        one = jnp.eye(len(f), dtype=f.dtype)
+        p = step_lyapunov(f.T, one) if self.step else linalg.lyapunov(f.T + rate / fixed["speed"] * one, one)
+        return -minus_log_det(p[None]) / len(f)
 
     def prove(self, observer, fixed, free, rate):
         f = np.asarray(self._f(observer), float)
@@ -84,6 +88,13 @@ class Linear(AbstractCertifier):
 
     def _f(self, observer: Any) -> Any:
         return linearise(observer, self.plant, jnp.zeros(self.plant.n)).f
+
+
+def step_lyapunov(a: Float[Array, "n n"], q: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """X with a X a' - X + q = 0, by the Kronecker product (n <= 10 or so)."""
+    n = a.shape[0]
+    x = jnp.linalg.solve(jnp.eye(n * n, dtype=a.dtype) - jnp.kron(a, a), q.reshape(-1)).reshape(n, n)
+    return (x + x.T) / 2
 
 
 def _lyapunov(f: np.ndarray, rate: float, step: bool) -> np.ndarray:

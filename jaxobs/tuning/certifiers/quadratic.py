@@ -74,16 +74,17 @@ class Quadratic(AbstractCertifier):
         """From the P that proves the largest rate of this gain, in floats; of a gain without one, a Lyapunov matrix of the
         middle of the box."""
         d = self._dynamics(observer)
-        p, reached = self._first(d)
+        p, taus, reached = self._first(d)
         t = centred(p)
         here = d.in_coordinates(t)
         model, speed = here.model, 1.0 if self.step else here.speed
         (u, of_u), (v, of_v) = self._blocks(t)
-        ratio = [np.linalg.norm(u[:, of_u == k]) / max(np.linalg.norm(v[of_v == k]), 1e-300) for k in range(self._multipliers)]
+        if self.slope is not None:  # its multiplier is not known yet
+            taus = np.append(taus, np.linalg.norm(u[:, of_u == len(taus)]) / max(np.linalg.norm(v[of_v == len(taus)]), 1e-300))
         fixed = {
             "t": t, "inverse": np.linalg.inv(t), "speed": np.asarray(speed), "a": model.a, "b": model.b, "c": model.c,
             "output": model.output, "rho": model.parameters() if self.cover == "corners" else d.middle[None], "u": u, "v": v,
-            "of_u": of_u, "of_v": of_v, "tau": np.array(ratio) / speed,
+            "of_u": of_u, "of_v": of_v, "tau": taus / speed,
         }  # fmt: skip
         free = {"root": np.zeros(model.n * (model.n + 1) // 2), "log_tau": np.zeros(self._multipliers)}
         return Start(jax.tree.map(jnp.asarray, fixed), jax.tree.map(jnp.asarray, free), reached)
@@ -124,12 +125,14 @@ class Quadratic(AbstractCertifier):
         n, r, p = self.model.n, self.model.r, self.model.p
         return Dynamics(self.model, gain, np.zeros((r, p)), np.eye(n), np.zeros((n, 0)), np.zeros((p, 0)))
 
-    def _first(self, d: Dynamics) -> tuple[np.ndarray, float]:
-        """(P, the rate it proves); of step models the factor."""
+    def _first(self, d: Dynamics) -> tuple[np.ndarray, np.ndarray, float]:
+        """(P, the multipliers of the channels, the rate that both prove); of step models the factor."""
         if self.step:
-            return _step_first(d)
+            p, factor = _step_first(d)
+            return p, np.zeros(0), factor
         proof = fastest(d, cover_of("tune", d.model, "multiplier" if self.cover == "multiplier" else "lazy"))
-        return proof.p, -np.inf if self.slope is not None else proof.rate
+        taus = np.diagonal(proof.tau) if self.cover == "multiplier" else np.zeros(0)
+        return proof.p, taus, -np.inf if self.slope is not None else proof.rate
 
     def _blocks(self, t: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """(U (n, w), the multiplier of each column) and (V (k, n), that of each row), in the coordinates t^-1 e."""
