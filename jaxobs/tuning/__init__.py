@@ -1,7 +1,11 @@
 """Gains found by gradient, with a proof at the end; and what an order is worth against noise."""
 
+from jaxobs.tuning import objectives as objectives
 from jaxobs.tuning._tune import Progress as Progress
 from jaxobs.tuning._tune import tune as tune
+from jaxobs.tuning.case import Case as Case
+from jaxobs.tuning.case import Outcome as Outcome
+from jaxobs.tuning.case import run as run
 from jaxobs.tuning.certifiers import AbstractCertifier as AbstractCertifier
 from jaxobs.tuning.certifiers import ByCondition5 as ByCondition5
 from jaxobs.tuning.certifiers import Linear as Linear
@@ -24,6 +28,9 @@ from jaxobs.tuning.floors import KalmanBound as KalmanBound
 from jaxobs.tuning.floors import disturbance_covariance as disturbance_covariance
 from jaxobs.tuning.floors import kalman_bound as kalman_bound
 from jaxobs.tuning.history import History as History
+from jaxobs.tuning.linear_error import LinearError as LinearError
+from jaxobs.tuning.linear_error import covariance as covariance
+from jaxobs.tuning.linear_error import linearise as linearise
 from jaxobs.tuning.noise_law import MEASURES as MEASURES
 from jaxobs.tuning.noise_law import Measure as Measure
 from jaxobs.tuning.noise_law import Quietest as Quietest

@@ -12,7 +12,7 @@ from jaxobs.tuning.certifiers.base import AbstractCertifier
 from jaxobs.tuning.descent import Search, backtracking_lbfgs
 
 BLOCK, BLOCKS = 20, 5  # steps of the search for a feasible start, for each weight of the barrier
-ROOM = 1e-3  # by which a start proves more than the rate, relative
+ROOM = 1e-4  # by which a start proves more than the rate, relative: less than a case stays below its largest rate
 CENTRING = (1e-1, 1e-2, 1e-3)  # weights of the barrier against the missing rate
 DOUBLINGS = 60  # of the rate that is given up until something is proved
 
@@ -76,15 +76,15 @@ def _moved(
     unit = best = 2 * unit
     for over_theta in (False, True) if jax.tree.leaves(free) else (True,):
 
-        def loss(variables: Any, arg: Any, over_theta: bool = over_theta) -> tuple[Any, Any]:
-            (theta, free, s), (own, centring) = variables, arg
+        def loss(variables: Any, own: Any, centring: Any, over_theta: bool = over_theta) -> tuple[Any, Any]:
+            theta, free, s = variables
             return s + centring * barrier(theta if over_theta else own, free, s * unit), ()
 
         search = Search(loss, backtracking_lbfgs())
         for centring in CENTRING:
             state = search.begin(_first_axis((theta, free, best / unit)))
             for _ in range(BLOCKS):
-                state, _ = search.run(state, _first_axis((theta, centring)), BLOCK)
+                state, _ = search.run(state, _first_axis(theta), BLOCK, jnp.asarray(centring))
                 moved, found, s = jax.tree.map(lambda a: a[0], state.best)
                 at = moved if over_theta else theta
                 if proves(at, found, -room):

@@ -76,25 +76,24 @@ def tune(
         check(make(theta))
         require_finite_loss(mean, theta, i)
     require_dependence(lambda theta: mean(theta)[0], thetas[0])
-    first_loss = float(mean(thetas[0])[0])
+    first_loss, lanes = float(mean(thetas[0])[0]), 1 if keys is None else len(keys)
     optimizer = backtracking_lbfgs() if optimizer is None else optimizer
     if certify is None:
         run = _Run(mean, make, None, rate, optimizer, steps, progress)
         candidates = [Candidate(i, theta, (), (), False) for i, theta in enumerate(thetas)]
         found = run.descend(candidates, (0.0,))
         best = min(found, key=lambda one: one.loss)
-        return _tuned(best, None, run, make, keys, first_loss, None, ())
+        return _tuned(best, None, run, run.history(lanes), make, first_loss, None, ())
     ready, dropped = first_candidates(make, thetas, certify, rate)
     run = _Run(mean, make, certify, rate, optimizer, steps, progress)
     found = run.descend(ready, WEIGHTS)
     found += [_End(float(mean(one.theta)[0]), one.start, one.theta, one.fixed, one.free, one.repaired) for one in ready]
     best, certificate = _proved(found, make, certify, rate)
     free_loss = None
+    history = run.history(lanes)
     if price and not run.stopped:
-        without = _Run(mean, make, None, rate, optimizer, steps, None)
-        ends = without.descend([Candidate(one.start, one.theta, (), (), False) for one in (*ready, best)], (0.0,))
-        free_loss = min(best.loss, *(end.loss for end in ends))
-    return _tuned(best, certificate, run, make, keys, first_loss, free_loss, dropped)
+        free_loss = min([best.loss, *(end.loss for end in run.descend(ready, (0.0,)))])
+    return _tuned(best, certificate, run, history, make, first_loss, free_loss, dropped)
 
 
 class _End(NamedTuple):
@@ -115,18 +114,20 @@ class _Run:
         self.mean, self.make, self.certify, self.rate = mean, make, certify, rate
         self.steps, self.progress, self.stopped = steps, progress, False
         self.parts: list[dict[str, Any]] = []
-        self.lanes, self.seconds, self.compile_seconds = 1, 0.0, 0.0
+        self.seconds, self.compile_seconds = 0.0, 0.0
         self.search = Search(self.total, optimizer)
 
-    def total(self, variables: Any, arg: Any) -> tuple[Any, Any]:
-        """loss / its size + weight * barrier / its size, and what is recorded."""
-        theta, free = variables
-        fixed, weight, scale = arg
+    def total(self, variables: Any, arg: Any, weight: Any) -> tuple[Any, Any]:
+        """loss / its size + weight * barrier, and what is recorded; weight 0 is the search without a proof."""
+        (theta, free), (fixed, scale) = variables, arg
         value, lane = self.mean(theta)
-        if self.certify is None:
-            return value / scale, (value, jnp.full_like(value, jnp.nan), lane, theta)
-        depth = self.certify.barrier(self.make(theta), fixed, free, jnp.asarray(self.rate, value.dtype))
-        return value / scale + weight * depth, (value, depth, lane, theta)
+        certify, depth = self.certify, jnp.zeros_like(value)
+        if certify is not None:
+            rate = jnp.asarray(self.rate, value.dtype)
+            depth = jax.lax.cond(
+                weight > 0, lambda: certify.barrier(self.make(theta), fixed, free, rate), lambda: jnp.zeros_like(value)
+            )
+        return value / scale + weight * depth, (value, jax.lax.stop_gradient(depth), lane, theta)
 
     def descend(self, candidates: list[Candidate], weights: tuple[float, ...]) -> list[_End]:
         begun = time.perf_counter()
@@ -135,8 +136,7 @@ class _Run:
         losses = np.array([float(self.mean(one.theta)[0]) for one in candidates])
         for stage, weight in enumerate(weights):
             scale = jnp.asarray(np.maximum(np.abs(losses), 1e-300))
-            args = fixed, jnp.full(len(candidates), weight), scale
-            state = self._stage(self.search.begin(variables), args, stage, len(weights), weight)
+            state = self._stage(self.search.begin(variables), (fixed, scale), stage, len(weights), weight)
             reached = np.isfinite(np.asarray(state.value))
             variables = state.best
             for i, one in enumerate(candidates):
@@ -151,11 +151,11 @@ class _Run:
 
     def _stage(self, state: State, args: Any, stage: int, stages: int, weight: float) -> State:
         """Blocks of steps until they change nothing, or the steps are used up."""
-        done, before = 0, []
+        done, before, block = 0, [], min(BLOCK, self.steps)  # whole blocks: another length would be compiled again
         try:
             while done < self.steps:
-                block, begun = min(BLOCK, self.steps - done), time.perf_counter()
-                state, record = self.search.run(state, args, block)
+                begun = time.perf_counter()
+                state, record = self.search.run(state, args, block, jnp.asarray(weight))
                 values = np.asarray(state.value)
                 if not self.parts:
                     self.compile_seconds = time.perf_counter() - begun
@@ -176,7 +176,7 @@ class _Run:
         paths = jax.tree_util.tree_flatten_with_path(theta)[0]
         self.parts.append(
             {
-                "loss": np.asarray(loss), "barrier": np.asarray(depth), "slope": np.asarray(record.slope),
+                "loss": np.asarray(loss), "barrier": np.where(weight > 0, depth, np.nan), "slope": np.asarray(record.slope),
                 "good": np.asarray(record.good), "lane": np.asarray(lane), "weight": np.full(loss.shape[1], weight),
                 "theta": {jax.tree_util.keystr(path): np.asarray(leaf) for path, leaf in paths},
             }
@@ -214,10 +214,9 @@ def _proved(found: list[_End], make: Any, certify: AbstractCertifier, rate: floa
     raise refused
 
 
-def _tuned(best, certificate, run, make, keys, first_loss, free_loss, dropped) -> Tuned:
-    lanes = 1 if keys is None else len(keys)
+def _tuned(best, certificate, run, history, make, first_loss, free_loss, dropped) -> Tuned:
     return Tuned(
-        observer=make(best.theta), certificate=certificate, history=run.history(lanes), theta=best.theta, loss=best.loss,
+        observer=make(best.theta), certificate=certificate, history=history, theta=best.theta, loss=best.loss,
         first_loss=first_loss, free_loss=free_loss, rate=run.rate, unit="1/s" if run.certify is None else run.certify.unit,
         start=best.start, repaired=(best.start,) if best.repaired else (), dropped=tuple(dropped), stopped=run.stopped,
     )  # fmt: skip

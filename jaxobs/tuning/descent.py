@@ -49,17 +49,18 @@ def cosine_adam(rate: float, steps: int) -> optax.GradientTransformation:
 
 def backtracking_lbfgs() -> optax.GradientTransformation:
     """L-BFGS whose line search goes back from where the loss is not finite. Nocedal and Wright, Numerical Optimization, 7.2."""
-    return optax.lbfgs(linesearch=optax.scale_by_backtracking_linesearch(max_backtracking_steps=30, store_grad=True))
+    return optax.lbfgs(linesearch=optax.scale_by_backtracking_linesearch(max_backtracking_steps=30))
 
 
 class Search:
-    """loss(theta, arg) -> (value, parts), descended upon from several starts; `run` is compiled once for each number of steps.
+    """loss(theta, arg, shared) -> (value, parts), descended upon from several starts; `run` is compiled once for each number of
+    steps.
 
     The best iterate is kept, not the last. A step to a loss or gradient that is not finite is taken back to the best iterate,
     and the next ones are shorter. optimizer: any of optax, with a line search too (optax.lbfgs()). Precision: that of theta.
     """
 
-    def __init__(self, loss: Loss, optimizer: optax.GradientTransformation):
+    def __init__(self, loss: Callable[[Any, Any, Any], Any], optimizer: optax.GradientTransformation):
         self.loss, self.optimizer = loss, optax.with_extra_args_support(optimizer)
 
     def begin(self, thetas: Any) -> State:
@@ -69,32 +70,34 @@ class Search:
             dtype = jax.tree.leaves(theta)[0].dtype
             return State(theta, self.optimizer.init(theta), theta, jnp.asarray(jnp.inf, dtype), jnp.ones((), dtype))
 
-        return jax.vmap(one)(thetas)
+        return jax.tree.map(
+            lambda a: jax.lax.convert_element_type(a, a.dtype), jax.vmap(one)(thetas)
+        )  # strong: one compilation
 
-    def run(self, state: State, args: Any, steps: int) -> tuple[State, Record]:
-        """args: a pytree with a leading axis of starts. Records have the shape (starts, steps)."""
-        return self._run(state, args, steps)
+    def run(self, state: State, args: Any, steps: int, shared: Any = None) -> tuple[State, Record]:
+        """args: a pytree with a leading axis of starts, shared: the same for all. Records have the shape (starts, steps)."""
+        return self._run(state, args, steps, shared)
 
     @functools.cached_property
     def _run(self) -> Any:
-        def many(state: State, args: Any, steps: int) -> tuple[State, Record]:
+        def many(state: State, args: Any, steps: int, shared: Any) -> tuple[State, Record]:
             def one(state: State, arg: Any) -> tuple[State, Record]:
-                return jax.lax.scan(lambda carry, _: self._step(carry, arg), state, None, length=steps)
+                return jax.lax.scan(lambda carry, _: self._step(carry, arg, shared), state, None, length=steps)
 
             return jax.vmap(one)(state, args)
 
         return eqx.filter_jit(many)
 
-    def _step(self, state: State, arg: Any) -> tuple[State, Record]:
+    def _step(self, state: State, arg: Any, shared: Any) -> tuple[State, Record]:
         theta = state.theta
-        (value, parts), gradient = jax.value_and_grad(self.loss, has_aux=True)(theta, arg)
+        (value, parts), gradient = jax.value_and_grad(self.loss, has_aux=True)(theta, arg, shared)
         good = jnp.isfinite(value) & _all_finite(gradient)
         better = good & (value < state.value)
         best, least = _where(better, theta, state.best), jnp.where(better, value, state.value)
         slope = optax.tree.norm(gradient)
         gradient = _where(good, gradient, jax.tree.map(jnp.zeros_like, gradient))
         with jax.numpy_dtype_promotion("standard"):  # optax mixes its integer step count with floats
-            more = {"value": value, "grad": gradient, "value_fn": lambda x: self.loss(x, arg)[0]}
+            more = {"value": value, "grad": gradient, "value_fn": lambda x: self.loss(x, arg, shared)[0]}
             updates, optimizer = self.optimizer.update(gradient, state.optimizer, theta, **more)
         scale = jnp.where(good, jnp.minimum(state.scale * GROW, 1), state.scale * SHRINK)
         moved = jax.tree.map(lambda x, step: x + scale * step, theta, updates)
@@ -117,7 +120,7 @@ def descend(
     See `Search` for what happens at steps that fail.
     """
     optimizer = cosine_adam(rate, steps) if optimizer is None else optimizer
-    search = Search(lambda theta, arg: (loss(theta, arg), ()), optimizer)
+    search = Search(lambda theta, arg, _: (loss(theta, arg), ()), optimizer)
     args = jnp.zeros(jax.tree.leaves(thetas)[0].shape[0]) if args is None else args
     state, record = search.run(search.begin(jax.tree.map(jnp.asarray, thetas)), args, steps)
     return Descent(state.best, state.value, record.value)
