@@ -1,7 +1,10 @@
 """Gains found by gradient, with a proof at the end; and what an order is worth against noise."""
 
 from jaxobs.tuning import objectives as objectives
-from jaxobs.tuning._tune import Progress as Progress
+from jaxobs.tuning._pareto import Front as Front
+from jaxobs.tuning._pareto import Point as Point
+from jaxobs.tuning._pareto import pareto as pareto
+from jaxobs.tuning._stages import Progress as Progress
 from jaxobs.tuning._tune import tune as tune
 from jaxobs.tuning.case import Case as Case
 from jaxobs.tuning.case import Outcome as Outcome

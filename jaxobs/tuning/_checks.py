@@ -40,13 +40,14 @@ def require_arguments(
 
 
 def require_finite_loss(mean: Callable[[Any], Any], theta: Any, start: int) -> None:
-    """ValueError naming the start and the key."""
-    value, lane = mean(theta)
-    if jnp.shape(value) != ():
-        raise refuse("tune", "loss", f"shape {jnp.shape(value)}", "a number", "Choose one state, or add them up.")
-    if not np.isfinite(float(value)):
+    """ValueError naming the start and the key; mean(theta) = (values (losses,), the first bad key or -1)."""
+    values, lane = mean(theta)
+    if jnp.ndim(values) != 1:
+        raise refuse("tune", "loss", f"shape {jnp.shape(values)[1:]}", "a number", "Choose one state, or add them up.")
+    if not np.all(np.isfinite(values)):
+        value = float(values[np.argmin(np.isfinite(values))])
         which = "theta0" if start == 0 else f"starts[{start - 1}]"
-        given = f"{float(value)} at {which}, step 0, lane keys[{int(lane)}]" if int(lane) >= 0 else f"{float(value)} at {which}"
+        given = f"{value} at {which}, step 0, lane keys[{int(lane)}]" if int(lane) >= 0 else f"{value} at {which}"
         fix = "Start from gains with which this run does not diverge, or use a shorter step."
         raise refuse("tune", "loss", given, "a finite number", fix)
 

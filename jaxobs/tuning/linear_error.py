@@ -180,12 +180,13 @@ def _covariance(error: LinearError, dt: Scalar | None, process_held: bool) -> Fl
     one, stable = balanced(error)
     both = jnp.concatenate([one.noise, one.process], axis=1)
     if error.step:
-        x = _stein(one.f, both)
+        x = linalg.stein(one.f, both @ both.T)
     elif dt is None:
         x = linalg.lyapunov(one.f, both @ both.T)
     else:
         phi = linalg.phi_functions(one.f * dt, 1)
-        x = _stein(phi[0], dt * (phi[1] @ (both if process_held else one.noise)))
+        b = dt * (phi[1] @ (both if process_held else one.noise))
+        x = linalg.stein(phi[0], b @ b.T)
         x = x if process_held else x + linalg.lyapunov(one.f, one.process @ one.process.T)
     found = one.output @ x @ one.output.T
     if error.step or dt is not None:
@@ -198,7 +199,7 @@ def input_covariance(error: LinearError, b: Float[Array, "N k"]) -> tuple[Float[
     """The integral of output e^{Ft} b b' e^{F't} output' over all t >= 0, the sum of output F^k b b' F'^k output' for steps,
     and whether F is stable (if not, that of calm dynamics)."""
     one, stable = balanced(eqx.tree_at(lambda error: error.noise, error, b))
-    x = _stein(one.f, one.noise) if error.step else linalg.lyapunov(one.f, one.noise @ one.noise.T)
+    x = (linalg.stein if error.step else linalg.lyapunov)(one.f, one.noise @ one.noise.T)
     return one.output @ x @ one.output.T, stable
 
 
@@ -209,7 +210,7 @@ def balanced(error: LinearError) -> tuple[LinearError, Bool[Array, ""]]:
     f, identity = error.f * d[None, :] / d[:, None], jnp.eye(error.f.shape[0], dtype=error.f.dtype)
     fixed = jax.lax.stop_gradient(f)
     # F is stable if and only if the response to all unit impulses has a positive definite sum (Lyapunov).
-    total = _stein(fixed, identity) if error.step else linalg.lyapunov(fixed, identity)
+    total = (linalg.stein if error.step else linalg.lyapunov)(fixed, identity)
     stable = jnp.all(jnp.isfinite(jnp.linalg.cholesky(total)))
     parts = (jnp.where(stable, f, 0 * f if error.step else -identity), error.output * d[None, :])
     driven = (error.noise, error.process, error.start, error.mismatch, error.drift[:, None])
@@ -217,13 +218,6 @@ def balanced(error: LinearError) -> tuple[LinearError, Bool[Array, ""]]:
     return LinearError(
         parts[0], noise, process, parts[1], error.direct, start, drift[:, 0], mismatch, error.offset, error.step
     ), stable
-
-
-def _stein(f: Float[Array, "N N"], b: Float[Array, "N k"]) -> Float[Array, "N N"]:
-    """X = f X f' + b b'."""
-    n = f.shape[0]
-    x = jnp.linalg.solve(jnp.eye(n * n, dtype=f.dtype) - jnp.kron(f, f), (b @ b.T).reshape(-1)).reshape(n, n)
-    return (x + x.T) / 2
 
 
 def period(owner: str, observer: Any) -> Scalar:

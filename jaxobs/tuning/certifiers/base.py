@@ -35,6 +35,10 @@ class AbstractCertifier(abc.ABC):
     @abc.abstractmethod
     def start(self, observer: Observer, rate: float) -> Start: ...
 
+    def recentred(self, fixed: Any, free: Any) -> tuple[Any, Any]:
+        """The same witnesses in coordinates in which they are alike in size: a search is better conditioned there."""
+        return fixed, free
+
     @abc.abstractmethod
     def barrier(self, observer: Observer, fixed: Any, free: Any, rate: Scalar) -> Scalar: ...
 

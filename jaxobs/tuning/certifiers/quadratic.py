@@ -76,18 +76,28 @@ class Quadratic(AbstractCertifier):
         d = self._dynamics(observer)
         p, taus, reached = self._first(d)
         t = centred(p)
-        here = d.in_coordinates(t)
-        model, speed = here.model, 1.0 if self.step else here.speed
         (u, of_u), (v, of_v) = self._blocks(t)
         if self.slope is not None:  # its multiplier is not known yet
             taus = np.append(taus, np.linalg.norm(u[:, of_u == len(taus)]) / max(np.linalg.norm(v[of_v == len(taus)]), 1e-300))
+        return Start(*self._placed(t, taus, 1.0 if self.step else d.in_coordinates(t).speed), reached)
+
+    def recentred(self, fixed, free):
+        root = np.asarray(Lyapunov(self.model.n).root(free["root"]))
+        t = scipy.linalg.solve_triangular(root, np.asarray(fixed["t"]).T, lower=True).T
+        return self._placed(t, np.asarray(self._taus(fixed, free)), float(fixed["speed"]))
+
+    def _placed(self, t: np.ndarray, taus: np.ndarray, speed: float) -> tuple[Any, Any]:
+        """(constants, witnesses) in the coordinates t^-1 e, where P = I, and the time speed * t."""
+        model = self.model.in_coordinates(t)
+        (u, of_u), (v, of_v) = self._blocks(t)
+        middle = (model.lower + model.upper) / 2
         fixed = {
             "t": t, "inverse": np.linalg.inv(t), "speed": np.asarray(speed), "a": model.a, "b": model.b, "c": model.c,
-            "output": model.output, "rho": model.parameters() if self.cover == "corners" else d.middle[None], "u": u, "v": v,
+            "output": model.output, "rho": model.parameters() if self.cover == "corners" else middle[None], "u": u, "v": v,
             "of_u": of_u, "of_v": of_v, "tau": taus / speed,
         }  # fmt: skip
         free = {"root": np.zeros(model.n * (model.n + 1) // 2), "log_tau": np.zeros(self._multipliers)}
-        return Start(jax.tree.map(jnp.asarray, fixed), jax.tree.map(jnp.asarray, free), reached)
+        return jax.tree.map(jnp.asarray, fixed), jax.tree.map(jnp.asarray, free)
 
     def barrier(self, observer, fixed, free, rate):
         speed, n = fixed["speed"], self.model.n
@@ -125,6 +135,10 @@ class Quadratic(AbstractCertifier):
         n, r, p = self.model.n, self.model.r, self.model.p
         return Dynamics(self.model, gain, np.zeros((r, p)), np.eye(n), np.zeros((n, 0)), np.zeros((p, 0)))
 
+    def _taus(self, fixed: Any, free: Any) -> Any:
+        """In the user's units of time."""
+        return fixed["tau"] * jnp.exp(free["log_tau"]) * fixed["speed"]
+
     def _first(self, d: Dynamics) -> tuple[np.ndarray, np.ndarray, float]:
         """(P, the multipliers of the channels, the rate that both prove); of step models the factor."""
         if self.step:
@@ -151,7 +165,7 @@ class Quadratic(AbstractCertifier):
     def _witnesses(self, d: Dynamics, fixed: Any, free: Any):
         """(P, multipliers): those of the search; then those that a solver finds for the same gain."""
         side = np.asarray(Lyapunov(self.model.n).root(free["root"])).T @ np.asarray(fixed["inverse"])
-        yield side.T @ side, np.asarray(fixed["tau"] * jnp.exp(free["log_tau"]) * fixed["speed"])
+        yield side.T @ side, np.asarray(self._taus(fixed, free))
         if self.slope is None and self.cover == "corners":
             yield self._first(d)[0], np.zeros(0)
 
