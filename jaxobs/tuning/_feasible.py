@@ -91,7 +91,7 @@ class PhaseOne:
             for centring in CENTRING:
                 one = recentred(self.certify, one)
                 state = self.searches[moving].begin(_first_axis((one.theta, one.free, best / unit + INSIDE)))
-                args = _first_axis((one.theta, one.fixed, one.rate, unit))
+                args, now, s = _first_axis((one.theta, one.fixed, one.rate, unit)), one, best / unit
                 for _ in range(BLOCKS):
                     state, _ = self.searches[moving].run(state, args, BLOCK, jnp.asarray(centring))
                     theta, free, s = jax.tree.map(lambda a: a[0], state.best)
