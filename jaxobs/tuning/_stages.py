@@ -1,5 +1,6 @@
 """The stages of a search: blocks of steps, the barrier's weight falling, several candidates side by side."""
 
+import functools
 import time
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -8,11 +9,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
+from jax.flatten_util import ravel_pytree
 
 from jaxobs.designs import Infeasible
 from jaxobs.tuning._feasible import Candidate, recentred
 from jaxobs.tuning.certifiers.base import AbstractCertifier
-from jaxobs.tuning.descent import Search, State, backtracking_lbfgs
+from jaxobs.tuning.descent import Search, backtracking_lbfgs
 from jaxobs.tuning.history import History, joined
 
 WEIGHTS = (1e-1, 1e-2, 1e-3, 1e-4)  # of the barrier against the loss, both of size one: the last leaves about 0.01 % unused
@@ -53,11 +55,13 @@ class Stages:
         self.steps, self.progress, self.stopped = steps, progress, False
         self.parts: list[dict[str, Any]] = []
         self.seconds, self.compile_seconds = 0.0, 0.0
+        self.unravel: Callable[[Any], Any] = lambda x: x  # of a flat x into (theta, free), once candidates are known
         self.search = Search(self.total, backtracking_lbfgs() if optimizer is None else optimizer)
 
-    def total(self, variables: Any, arg: Any, weight: Any) -> tuple[Any, Any]:
-        """loss / its size + weight * barrier, and what is recorded; weight 0 is the search without a proof."""
-        (theta, free), (fixed, rate, mix, scale) = variables, arg
+    def total(self, moved: Any, arg: Any, weight: Any) -> tuple[Any, Any]:
+        """loss / its size + weight * barrier at x = origin + metric moved, and what is recorded; weight 0: without a proof."""
+        origin, metric, fixed, rate, mix, scale = arg
+        theta, free = self.unravel(origin + metric @ moved)
         values, lane = self.mean(theta)
         value = jnp.sum(mix * values)
         certify, depth = self.certify, jnp.zeros_like(value)
@@ -66,6 +70,24 @@ class Stages:
                 weight > 0, lambda: certify.barrier(self.make(theta), fixed, free, rate), lambda: jnp.zeros_like(value)
             )
         return value / scale + weight * depth, (value, jax.lax.stop_gradient(depth), lane, theta)
+
+    @functools.cached_property
+    def metric(self) -> Any:
+        """(x, fixed, rate, weight) -> (1 + weight |H|)^-1/2, H the Hessian of the barrier at x: in these coordinates the search
+        is conditioned alike however thin what is proved becomes. |H| by its eigenvalues, since the joint problem is not convex.
+        """
+
+        def one(x: Any, fixed: Any, rate: Any, weight: Any) -> Any:
+            def depth(x: Any) -> Any:
+                theta, free = self.unravel(x)
+                return self.certify.barrier(self.make(theta), fixed, free, rate)
+
+            hessian = jax.hessian(depth)(x)
+            good = jnp.all(jnp.isfinite(hessian))
+            values, vectors = jnp.linalg.eigh(jnp.where(good, hessian, jnp.zeros_like(hessian)))
+            return (vectors / jnp.sqrt(1 + weight * jnp.abs(values))) @ vectors.T
+
+        return jax.jit(jax.vmap(one, in_axes=(0, 0, 0, None)))
 
     def loss(self, one: Candidate) -> float:
         return float(np.dot(one.mix, np.asarray(self.mean(one.theta)[0])))
@@ -79,10 +101,12 @@ class Stages:
                 now = [recentred(self.certify, one) for one in now]
             fixed, rate, mix = _stack([(one.fixed, one.rate, np.asarray(one.mix, float)) for one in now])
             scale = jnp.asarray([max(abs(self.loss(one)), 1e-300) for one in now])
-            start = self.search.begin(_stack([(one.theta, one.free) for one in now]))
-            state = self._stage(start, (fixed, rate, mix, scale), stage, len(weights), weight)
-            for i in np.flatnonzero(np.isfinite(np.asarray(state.value))):
-                theta, free = jax.tree.map(lambda a, i=i: a[i], state.best)
+            flat = [ravel_pytree((one.theta, one.free)) for one in now]
+            self.unravel = flat[0][1]
+            x = jnp.stack([one for one, _ in flat])
+            x, values = self._stage(x, (fixed, rate, mix, scale), stage, len(weights), weight)
+            for i in np.flatnonzero(np.isfinite(values)):
+                theta, free = self.unravel(x[i])
                 now[i] = now[i]._replace(theta=theta, free=free)
                 ends.append(End(self.loss(now[i]), now[i]))
             if self.stopped:
@@ -90,14 +114,18 @@ class Stages:
         self.seconds += time.perf_counter() - begun
         return ends
 
-    def _stage(self, state: State, args: Any, stage: int, stages: int, weight: float) -> State:
-        """Blocks of steps until they change nothing, or the steps are used up."""
-        done, before, block = 0, [], min(BLOCK, self.steps)  # whole blocks: another length would be compiled again
+    def _stage(self, x: Any, args: Any, stage: int, stages: int, weight: float) -> tuple[Any, np.ndarray]:
+        """(the best x, its total): blocks of steps, each in its own metric, until they change nothing or are used up."""
+        done, block = 0, min(BLOCK, self.steps)  # whole blocks: another length would be compiled again
+        before, values, asked = [], np.full(len(x), np.inf), jnp.asarray(weight)
+        identity = jnp.broadcast_to(jnp.eye(x.shape[1]), (len(x), x.shape[1], x.shape[1]))
         try:
             while done < self.steps:
                 begun = time.perf_counter()
-                state, record = self.search.run(state, args, block, jnp.asarray(weight))
+                metric = identity if self.certify is None or weight == 0 else self.metric(x, *args[:2], asked)
+                state, record = self.search.run(self.search.begin(jnp.zeros_like(x)), (x, metric, *args), block, asked)
                 values = np.asarray(state.value)
+                x = jnp.where(np.isfinite(values)[:, None], x + jnp.einsum("sij,sj->si", metric, state.best), x)
                 if not self.parts:
                     self.compile_seconds = time.perf_counter() - begun
                 self._keep(record, weight)
@@ -110,7 +138,7 @@ class Stages:
                     break
         except KeyboardInterrupt:
             self.stopped = True
-        return state
+        return x, values
 
     def _keep(self, record: Any, weight: float) -> None:
         loss, depth, lane, theta = record.parts

@@ -49,7 +49,7 @@ def cosine_adam(rate: float, steps: int) -> optax.GradientTransformation:
 
 def backtracking_lbfgs() -> optax.GradientTransformation:
     """L-BFGS whose line search goes back from where the loss is not finite. Nocedal and Wright, Numerical Optimization, 7.2."""
-    return optax.lbfgs(linesearch=optax.scale_by_backtracking_linesearch(max_backtracking_steps=30))
+    return optax.lbfgs(linesearch=optax.scale_by_backtracking_linesearch(max_backtracking_steps=50, decrease_factor=0.5))
 
 
 class Search:
