@@ -1,4 +1,4 @@
-"""The command line: `jaxobs demo`, `reproduce`, `certify`, `verify`, `bench`, `study`."""
+"""The command line: `jaxobs demo`, `reproduce`, `certify`, `verify`, `bench`, `study`, `tune`."""
 
 import sys
 
@@ -10,9 +10,12 @@ from jaxobs.cli.certify import certify
 from jaxobs.cli.demo import demo
 from jaxobs.cli.reproduce import reproduce
 from jaxobs.cli.study import study
+from jaxobs.cli.tune import tune
 from jaxobs.cli.verify import verify
 
-COMMANDS = {"demo": demo, "reproduce": reproduce, "certify": certify, "verify": verify, "bench": bench, "study": study}
+COMMANDS = {
+    "demo": demo, "reproduce": reproduce, "certify": certify, "verify": verify, "bench": bench, "study": study, "tune": tune,
+}  # fmt: skip
 
 
 def main() -> None:

@@ -47,16 +47,20 @@ def certify(
     return 0 if result["holds"] else 1
 
 
-def examples(*, study: bool = False) -> dict[str, str]:
-    """The configs that the package brings, for this command or for `jaxobs study`: name and text."""
+def examples(*, study: bool = False, tune: bool = False) -> dict[str, str]:
+    """The configs that the package brings, for this command, for `jaxobs study` or for `jaxobs tune`: name and text."""
     folder = resources.files("jaxobs") / "configs"
-    found = [one for one in folder.iterdir() if one.name.endswith(".toml") and one.name.startswith("study_") == study]
+    found = [one for one in folder.iterdir() if one.name.endswith(".toml") and _kind(one.name) == (study, tune)]
     return {one.name.removesuffix(".toml"): one.read_text(encoding="utf-8") for one in sorted(found, key=lambda one: one.name)}
 
 
-def parse(config: Path, *, study: bool = False) -> dict[str, Any]:
+def _kind(name: str) -> tuple[bool, bool]:
+    return name.startswith("study_"), name.startswith("tune_")
+
+
+def parse(config: Path, *, study: bool = False, tune: bool = False) -> dict[str, Any]:
     """The tables of the file, or of the example of that name. ValueError if it is no TOML, or there is none."""
-    known = examples(study=study)
+    known = examples(study=study, tune=tune)
     try:
         text = known[str(config)] if str(config) in known and not config.exists() else config.read_text(encoding="utf-8")
     except FileNotFoundError as error:

@@ -168,7 +168,7 @@ def tones(angle: np.ndarray, count: int = 3) -> tuple[float, ...]:
     return tuple(float(frequency[i]) for i in sorted(peaks, key=lambda i: -prominence[i])[:count])
 
 
-def _resampled(errors: np.ndarray, block: int, draws: int = 2000) -> np.ndarray:
+def resampled(errors: np.ndarray, block: int, draws: int = 2000) -> np.ndarray:
     """RMS of each column over circular blocks drawn with replacement, (draws, columns): the same blocks for every column."""
     rng = np.random.default_rng(0)
     count = len(errors)
@@ -179,14 +179,14 @@ def _resampled(errors: np.ndarray, block: int, draws: int = 2000) -> np.ndarray:
 
 def block_bootstrap(error: np.ndarray, block: int) -> tuple[float, float]:
     """A 95 % interval of the RMSE by blocks of one stride: errors within a stride are not independent."""
-    low, high = np.quantile(_resampled(error[:, None], block)[:, 0], [0.025, 0.975])
+    low, high = np.quantile(resampled(error[:, None], block)[:, 0], [0.025, 0.975])
     return float(low), float(high)
 
 
 def paired_change(study: WalkStudy, row: Row, against: Row) -> tuple[float, float, float]:
     """The relative change of the RMSE on the last quarter and its 95 % interval, both rows on the same blocks."""
     pair = [study.rates[study.rows.index(r)][LAST] - study.walk.rate[LAST] for r in (row, against)]
-    drawn = _resampled(np.stack(pair, axis=1), stride(study.walk.rate[TRAIN]))
+    drawn = resampled(np.stack(pair, axis=1), stride(study.walk.rate[TRAIN]))
     low, high = np.quantile(drawn[:, 0] / drawn[:, 1] - 1, [0.025, 0.975])
     return row.rmse / against.rmse - 1, float(low), float(high)
 

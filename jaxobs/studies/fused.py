@@ -10,6 +10,7 @@ from jax.extend import core
 
 from jaxobs.studies.scalar_rules import CALLS, ELEMENTWISE, MOVES, REDUCTIONS
 
+LARGE = 2**18  # bytes of one result: XLA splits operations on as many over threads, which no kernel of its own can do
 PLAIN = ELEMENTWISE | MOVES | {*REDUCTIONS, *CALLS, "while", "scan", "iota"}
 
 
@@ -21,6 +22,8 @@ def fused(function: Callable[..., Any], alive: Any, *arguments: Any) -> Any:
     """
     closed, shape = jax.make_jaxpr(function, return_shape=True)(*arguments)
     if jax.default_backend() != "cpu" or not is_plain(closed.jaxpr):
+        return function(*arguments)
+    if any(var.aval.size * var.aval.dtype.itemsize >= LARGE for var in closed.jaxpr.outvars):
         return function(*arguments)
     count = len(closed.consts)
 

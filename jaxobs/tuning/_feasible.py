@@ -12,7 +12,7 @@ from jaxobs.tuning.certifiers.base import AbstractCertifier
 from jaxobs.tuning.descent import Search, backtracking_lbfgs
 
 BLOCK, BLOCKS = 20, 5  # steps of the search for a feasible start, for each weight of the barrier
-ROOM = 1e-3  # by which a start proves more than the rate, relative
+ROOM = 1e-4  # by which a start proves more than the rate, relative; less than what `Case` leaves it
 CENTRING = (1e-1, 1e-2, 1e-3)  # weights of the barrier against the missing rate
 INSIDE = 0.5  # where a round starts, above the last s, in its units: at the edge itself nothing moves
 DOUBLINGS = 60  # of the rate that is given up until something is proved

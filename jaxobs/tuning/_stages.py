@@ -77,10 +77,13 @@ class Stages:
         is conditioned alike however thin what is proved becomes. |H| by its eigenvalues, since the joint problem is not convex.
         """
 
+        certify = self.certify
+        assert certify is not None  # without one the metric is not asked for
+
         def one(x: Any, fixed: Any, rate: Any, weight: Any) -> Any:
             def depth(x: Any) -> Any:
                 theta, free = self.unravel(x)
-                return self.certify.barrier(self.make(theta), fixed, free, rate)
+                return certify.barrier(self.make(theta), fixed, free, rate)
 
             hessian = jax.hessian(depth)(x)
             good = jnp.all(jnp.isfinite(hessian))
