@@ -135,6 +135,13 @@ def lyapunov(a: Float[Array, "n n"], q: Float[Array, "n n"]) -> Float[Array, "n 
     return (x + x.T) / 2
 
 
+def stein(a: Float[Array, "n n"], q: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """X with a X a' - X + q = 0, by the Kronecker product (n <= 10 or so; scale the problem first): `lyapunov` in steps."""
+    n = a.shape[0]
+    x = jnp.linalg.solve(jnp.eye(n * n, dtype=a.dtype) - jnp.kron(a, a), q.reshape(-1)).reshape(n, n)
+    return (x + x.T) / 2
+
+
 def noise_covariance(alphas: Float[Array, " N"], q: int = 0) -> Float[Array, "N N"]:
     """The covariance of the error of a chain observer with gain 1, under white measurement noise of unit intensity.
 

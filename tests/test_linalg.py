@@ -142,6 +142,15 @@ def test_lyapunov_equals_scipy(n):
     assert np.allclose(jax.jit(linalg.lyapunov)(jnp.asarray(a), jnp.asarray(b @ b.T)), expected, rtol=1e-11, atol=1e-12)
 
 
+@pytest.mark.parametrize("n", [1, 5, 8])
+def test_stein_equals_scipy(n):
+    rng = np.random.default_rng(n)
+    a, b = rng.normal(size=(2, n, n))
+    a *= 0.9 / np.max(np.abs(np.linalg.eigvals(a)))
+    expected = scipy.linalg.solve_discrete_lyapunov(a, b @ b.T)
+    assert np.allclose(jax.jit(linalg.stein)(jnp.asarray(a), jnp.asarray(b @ b.T)), expected, rtol=1e-11, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("alphas", "q", "constant"),
     [

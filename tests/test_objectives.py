@@ -17,10 +17,13 @@ from jaxobs.tuning.linear_error import linearise
 from jaxobs.tuning.objectives import monte_carlo
 from jaxobs.tuning.objectives.weighted import spectral_bound
 
+pytestmark = pytest.mark.usefixtures("hardly_optimised")
+
 CHAIN, SAMPLES, DT = plants.IntegratorChain(2), plants.SampledChain(2, 0.1), 0.1
 GAIN, STEP, SMALL = np.array([1.4, 2.0]), np.array([0.5, 0.9]), 1e-5
 DIRECTION = np.array([0.6, -0.8])
 ORIGIN, UNITS = [[0.0, 0.0]], np.eye(2)
+PENDULUM, TS = plants.Pendulum(), np.arange(41) * 0.05
 F = np.array([[-1.4, 1.0], [-2.0, 0.0]])
 FS = np.array([[1 - 0.5, 0.1], [-0.9, 1.0]])
 
@@ -52,19 +55,33 @@ def steps():
     }
 
 
-# Compiling is the cost of these tests: large programs that run once.
-fast = functools.partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
+# Every objective once; the other kind of observer is slow.
+FAST = {"flow": ("peak", "L1", "bandwidth"), "step": ("noise", "squared", "noise bandwidth")}
+
+
+def marked(kind, name):
+    return pytest.param(kind, name, marks=[] if name in FAST[kind] else pytest.mark.slow)
+
+
+def both_kinds(name):
+    return pytest.mark.parametrize(("kind", "name"), [marked("flow", name), marked("step", name)])
+
+
+def found(kind, name):
+    """(values, gradients) at the gain, a little further both ways, with poles that meet, and unstable."""
+    return computed(kind, name in FAST[kind])[name]
 
 
 @functools.cache
-def found(kind):
-    """{name: (values, gradients)} at the gain, a little further both ways, with poles that meet, and unstable: one program."""
+def computed(kind, fast):
+    """All that are fast, or all that are not, in one program."""
     make, terms = (observers.Luenberger, flows()) if kind == "flow" else (observers.StepLuenberger, steps())
+    terms = {name: term for name, term in terms.items() if (name in FAST[kind]) == fast}
     plant, gain = (CHAIN, GAIN) if kind == "flow" else (SAMPLES, STEP)
     meeting = [2.0, 1.0] if kind == "flow" else [1.0, 2.5]
     points = jnp.asarray([gain, gain + SMALL * DIRECTION, gain - SMALL * DIRECTION, meeting, [0.5, -0.5]])
 
-    @fast
+    @jax.jit
     @jax.vmap
     def every(gain):
         return {
@@ -81,66 +98,116 @@ def step_path(b, count=4096):
     return np.asarray(path)
 
 
-@pytest.mark.parametrize(("kind", "name"), [("flow", name) for name in flows()] + [("step", name) for name in steps()])
+@pytest.mark.parametrize(
+    ("kind", "name"), [marked("flow", name) for name in flows()] + [marked("step", name) for name in steps()]
+)
 def test_gradients_are_those_of_finite_differences(kind, name):
-    values, slopes = found(kind)[name]
+    values, slopes = found(kind, name)
     assert slopes[0] @ DIRECTION == pytest.approx((values[1] - values[2]) / (2 * SMALL), rel=2e-6, abs=1e-9)
     assert np.all(np.isfinite(slopes[3])), "where poles meet"
     assert np.isinf(values[4]), "where it is not stable"
 
 
-def test_steady_noise():
-    expected = oracle.sampled(F, 0.1 * GAIN[:, None], np.array([[0.0], [0.3]]), DT)[1, 1]
-    assert found("flow")["noise"][0][0] == pytest.approx(np.sqrt(expected), rel=1e-12)
-    driven = np.hstack([0.1 * STEP[:, None], [[0.0], [0.3]]])
-    assert found("step")["noise"][0][0] == pytest.approx(np.sqrt(np.trace(oracle.steps(FS, driven))), rel=1e-12)
+@both_kinds("noise")
+def test_steady_noise(kind, name):
+    if kind == "flow":
+        expected = oracle.sampled(F, 0.1 * GAIN[:, None], np.array([[0.0], [0.3]]), DT)[1, 1]
+    else:
+        expected = np.trace(oracle.steps(FS, np.hstack([0.1 * STEP[:, None], [[0.0], [0.3]]])))
+    assert found(kind, name)[0][0] == pytest.approx(np.sqrt(expected), rel=1e-12)
 
 
-def test_peaks():
-    _, path = oracle.dense(F, np.eye(2), np.eye(2), 8.0, 80_001)
-    assert found("flow")["peak"][0][0] == pytest.approx(np.max(np.linalg.norm(path, 2, axis=(1, 2))), rel=1e-8)
-    sizes = np.linalg.norm(np.diag([1.0, 0.1]) @ step_path([[0.0, 1.0], [1.0, -0.5]]), axis=1)
-    assert found("step")["peak"][0][0] == pytest.approx(np.max(sizes), rel=1e-12)
+@both_kinds("peak")
+def test_peaks(kind, name):
+    value = found(kind, name)[0][0]
+    if kind == "flow":
+        _, path = oracle.dense(F, np.eye(2), np.eye(2), 8.0, 80_001)
+        assert value == pytest.approx(np.max(np.linalg.norm(path, 2, axis=(1, 2))), rel=1e-8)
+    else:
+        sizes = np.linalg.norm(np.diag([1.0, 0.1]) @ step_path([[0.0, 1.0], [1.0, -0.5]]), axis=1)
+        assert value == pytest.approx(np.max(sizes), rel=1e-12)
 
 
-def test_settling_times():
-    ts, path = oracle.dense(F, np.array([0.0, 1.0]), np.array([0.0, 1.0]), 20.0, 200_001)
-    last = ts[np.flatnonzero(np.abs(path) > 0.05 * np.max(np.abs(path)))[-1]]
-    assert found("flow")["settling"][0][0] == pytest.approx(last, abs=1.1e-4)
+@both_kinds("settling")
+def test_settling_times(kind, name):
+    value = found(kind, name)[0][0]
+    if kind == "flow":
+        ts, path = oracle.dense(F, np.array([0.0, 1.0]), np.array([0.0, 1.0]), 20.0, 200_001)
+        last = ts[np.flatnonzero(np.abs(path) > 0.05 * np.max(np.abs(path)))[-1]]
+        assert value == pytest.approx(last, abs=1.1e-4)
+    else:
+        last = last_sample_outside()
+        assert last * DT <= value <= (last + 1) * DT
+
+
+def last_sample_outside():
+    """The later of the samples at which the responses to the unit errors leave the band."""
     sizes = np.linalg.norm(step_path(np.eye(2)), axis=1)
-    last = [np.flatnonzero(one > 0.05 * one.max())[-1] for one in sizes.T]
-    assert max(last) * DT <= found("step")["settling"][0][0] <= (max(last) + 1) * DT
+    return max(np.flatnonzero(one > 0.05 * one.max())[-1] for one in sizes.T)
 
 
-def test_squared_errors():
-    ts, path = oracle.dense(F, np.eye(2), np.array([2.0, 1.0]), 60.0, 60_001)
-    expected = scipy.integrate.simpson(np.sum(path**2, axis=1), x=ts)
-    assert found("flow")["squared"][0][0] == pytest.approx(expected, rel=1e-9)
-    expected = DT * np.sum(step_path(np.eye(2)) ** 2) / 2  # the mean over two first errors
-    assert found("step")["squared"][0][0] == pytest.approx(expected, rel=1e-12)
+def test_settling_time_without_its_gradient():
+    value = jax.jit(lambda gain: steps()["settling"](observers.StepLuenberger(SAMPLES, gain[:, None])))(STEP)
+    last = last_sample_outside()
+    assert last * DT <= value <= (last + 1) * DT
 
 
-def test_worst_case_gains():
-    expected = oracle.absolute_integral(F, GAIN, np.array([0.0, 1.0]), 40.0)
-    assert found("flow")["L1"][0][0] == pytest.approx(expected, rel=1e-6)
-    driven = np.hstack([0.5 * STEP[:, None], [[0.0], [0.2]]])
-    assert found("step")["L1"][0][0] == pytest.approx(np.max(np.sum(np.abs(step_path(driven)), axis=(0, 2))), rel=1e-12)
+@both_kinds("squared")
+def test_squared_errors(kind, name):
+    value = found(kind, name)[0][0]
+    if kind == "flow":
+        ts, path = oracle.dense(F, np.eye(2), np.array([2.0, 1.0]), 60.0, 60_001)
+        assert value == pytest.approx(scipy.integrate.simpson(np.sum(path**2, axis=1), x=ts), rel=1e-9)
+    else:  # the mean over two first errors
+        assert value == pytest.approx(DT * np.sum(step_path(np.eye(2)) ** 2) / 2, rel=1e-12)
 
 
-def test_bandwidths():
-    h = np.array([1.0, 0.0])
-    assert found("flow")["noise bandwidth"][0][0] == pytest.approx(oracle.noise_bandwidth(F, GAIN, h), rel=1e-7)
-    assert found("flow")["bandwidth"][0][0] == pytest.approx(oracle.edge(F, GAIN, h), rel=1e-9)
-    w = 2 * np.pi * DT * found("step")["bandwidth"][0][0]
-    transfer = [abs(h @ np.linalg.solve(np.exp(1j * w) * np.eye(2) - FS, STEP)) for w in (1e-9, w)]
-    assert transfer[1] / transfer[0] == pytest.approx(np.sqrt(0.5), rel=1e-9)
-    energy = np.sum(step_path(STEP)[:, 0] ** 2) / (2 * DT)  # T(0) = 1
-    assert found("step")["noise bandwidth"][0][0] == pytest.approx(energy, rel=1e-12)
+@both_kinds("L1")
+def test_worst_case_gains(kind, name):
+    value = found(kind, name)[0][0]
+    if kind == "flow":
+        assert value == pytest.approx(oracle.absolute_integral(F, GAIN, np.array([0.0, 1.0]), 40.0), rel=1e-6)
+    else:
+        driven = np.hstack([0.5 * STEP[:, None], [[0.0], [0.2]]])
+        assert value == pytest.approx(np.max(np.sum(np.abs(step_path(driven)), axis=(0, 2))), rel=1e-12)
+
+
+@both_kinds("bandwidth")
+def test_bandwidths(kind, name):
+    value, h = found(kind, name)[0][0], np.array([1.0, 0.0])
+    if kind == "flow":
+        assert value == pytest.approx(oracle.edge(F, GAIN, h), rel=1e-9)
+    else:
+        w = 2 * np.pi * DT * value
+        transfer = [abs(h @ np.linalg.solve(np.exp(1j * w) * np.eye(2) - FS, STEP)) for w in (1e-9, w)]
+        assert transfer[1] / transfer[0] == pytest.approx(np.sqrt(0.5), rel=1e-9)
+
+
+@both_kinds("noise bandwidth")
+def test_noise_bandwidths(kind, name):
+    value = found(kind, name)[0][0]
+    if kind == "flow":
+        assert value == pytest.approx(oracle.noise_bandwidth(F, GAIN, np.array([1.0, 0.0])), rel=1e-7)
+    else:  # T(0) = 1
+        assert value == pytest.approx(np.sum(step_path(STEP)[:, 0] ** 2) / (2 * DT), rel=1e-12)
 
 
 def test_weighted_sum_and_cap():
+    """The poles are a pair with the product 2: rho is a little above its root."""
+    terms = (lambda observer, key: observer.gain[0, 0], lambda observer, key: observer.gain[1, 0] ** 2)
+    one, observer = objectives.Weighted(terms, [1.0, 0.5], 1.3, CHAIN, ORIGIN), observers.Luenberger(CHAIN, GAIN[:, None])
+    capped, free = jax.jit(jax.vmap(lambda cap: eqx.tree_at(lambda one: one.fastest, one, cap)(observer)))(
+        np.array([1.3, 1.45])
+    )
+    sums = GAIN[0] + GAIN[1] ** 2 / 2
+    assert free == pytest.approx(sums, rel=1e-12)
+    assert np.sqrt(2) < 1.3 * np.exp(np.sqrt((capped - sums) / 100)) < 1.02 * np.sqrt(2)
+
+
+@pytest.mark.slow
+def test_weighted_objectives_and_cap():
     """Below the cap the sum alone; above it strength * log(rho / fastest)^2 more, and rho bounds the poles from above."""
-    sums, capped = 1.5 * found("flow")["squared"][0], found("flow")["capped"][0]
+    sums, capped = 1.5 * found("flow", "squared")[0], found("flow", "capped")[0]
     assert capped[3] == pytest.approx(sums[3], rel=1e-12)
     rho = 1.3 * np.exp(np.sqrt((capped[0] - sums[0]) / 100))
     assert np.sqrt(2) < rho < 1.02 * np.sqrt(2)  # the poles are a pair with the product 2
@@ -158,14 +225,15 @@ def test_bound_on_the_poles():
 def test_without_bias_less_gain_is_always_better():
     model = plants.Pendulum(1.1)
     points = [[0.5, 0.0]]
-    observer = observers.Luenberger(model, GAIN[:, None])
-    plain = objectives.SteadyNoise(plants.Pendulum(), points, 0.1)(observer)
-    biased = objectives.SteadyNoise(plants.Pendulum(), points, 0.1, with_bias=True)(observer)
-    bias = linearise(observer, plants.Pendulum(), points[0]).bias()
+    terms = [objectives.SteadyNoise(PENDULUM, points, 0.1, with_bias=with_bias) for with_bias in (False, True)]
+
+    @jax.jit
+    def every(gain):
+        observer = observers.Luenberger(model, gain[:, None])
+        return *(term(observer) for term in terms), linearise(observer, PENDULUM, points[0]).bias()
+
+    plain, biased, bias = every(GAIN)
     assert float(biased**2) == pytest.approx(float(plain**2 + jnp.sum(bias**2)), rel=1e-12)
-
-
-PENDULUM, TS = plants.Pendulum(), np.arange(41) * 0.05
 
 
 def chance(**more):
@@ -185,33 +253,44 @@ def test_monte_carlo_is_the_rmse_of_the_simulation():
         key=key,
     )  # fmt: skip
     expected = 2 * np.sqrt(np.mean((run.xhat - run.x)[TS >= 0.5, 1] ** 2))
-    assert chance()(observer, key) == pytest.approx(expected, rel=1e-12)
+    assert eqx.filter_jit(chance())(observer, key) == pytest.approx(expected, rel=1e-12)
 
 
-def test_monte_carlo_gradient_in_both_modes(monkeypatch):
-    """Forward, reverse over checkpoints and finite differences agree, over starts side by side."""
+def monte_carlo_slopes(gains):
+    """(values, gradients) over starts side by side."""
     loss = chance(noise=noise.Sinusoid(0.2, 3.0), disturbance=None, spread=[0.1, 0.2])
-    key, gains = jax.random.key(0), jnp.asarray([GAIN, [3.0, 1.0]])
 
     def mean(gain):
-        return loss(pendulum_observer(gain), key)
+        return loss(pendulum_observer(gain), jax.random.key(0))
 
-    values, forward = fast(jax.vmap(jax.value_and_grad(mean)))(gains)
+    return tuple(np.asarray(part) for part in jax.jit(jax.vmap(jax.value_and_grad(mean)))(gains))
+
+
+def test_monte_carlo_gradient():
+    gains = jnp.asarray([GAIN, [3.0, 1.0]])
+    values, slopes = monte_carlo_slopes(jnp.concatenate([gains, gains + SMALL * DIRECTION, gains - SMALL * DIRECTION]))
+    assert slopes[:2] @ DIRECTION == pytest.approx((values[2:4] - values[4:]) / (2 * SMALL), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_monte_carlo_gradient_in_both_modes(monkeypatch):
+    """Forward and reverse over checkpoints."""
+    gains = jnp.asarray([GAIN, [3.0, 1.0]])
+    values, forward = monte_carlo_slopes(gains)
     monkeypatch.setattr(monte_carlo, "FEW", 0)
-    ends = jnp.concatenate([gains + SMALL * DIRECTION, gains - SMALL * DIRECTION])
-    around, reverse = fast(jax.vmap(jax.value_and_grad(lambda gain: mean(gain))))(jnp.concatenate([gains, ends]))
-    assert values == pytest.approx(np.asarray(around[:2]), rel=1e-12)
-    assert forward == pytest.approx(np.asarray(reverse[:2]), rel=1e-9)
-    assert forward @ DIRECTION == pytest.approx(np.asarray(around[2:4] - around[4:]) / (2 * SMALL), rel=1e-6)
+    again, reverse = monte_carlo_slopes(gains)
+    assert values == pytest.approx(again, rel=1e-12)
+    assert forward == pytest.approx(reverse, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_each_key_draws_a_plant_and_a_start():
     """Without noise a run is that of one of the members; a start is x0 + spread * normals."""
     quiet = chance(noise=None, disturbance=None, spread=[0.0, 0.0])
     several = eqx.tree_at(lambda o: o.plant, quiet, jaxobs.grid(PENDULUM, a=[0.5, 1.0, 2.0]))
     observer, keys = pendulum_observer(GAIN), jax.random.split(jax.random.key(1), 40)
 
-    @fast
+    @jax.jit
     @functools.partial(jax.vmap, in_axes=(None, 0))
     @functools.partial(jax.vmap, in_axes=(0, None))
     def run(spread, key):
@@ -240,10 +319,10 @@ def test_record_with_and_without_a_reference():
     chosen = np.r_[10:28, 29:45]
     est = jaxobs.observe(observer, ts, ys, xhat0=[0.0, 1.0])
     seen = chosen[chosen != 30]
-    innovation = objectives.Innovation(ts, ys, [0.0, 1.0], blocks=blocks)(observer)
+    innovation = eqx.filter_jit(objectives.Innovation(ts, ys, [0.0, 1.0], blocks=blocks))(observer)
     assert innovation == pytest.approx(np.log(np.mean(np.asarray(est.innovation)[seen] ** 2)) / 2, rel=1e-12)
     known = chosen[chosen != 25]
-    rmse = objectives.Recorded(ts, ys, [0.0, 1.0], reference, states=(1,), blocks=blocks)(observer)
+    rmse = eqx.filter_jit(objectives.Recorded(ts, ys, [0.0, 1.0], reference, states=(1,), blocks=blocks))(observer)
     assert rmse == pytest.approx(np.sqrt(np.mean((est.xhat[known, 1] - reference[known]) ** 2)), rel=1e-12)
 
 

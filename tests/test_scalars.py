@@ -178,3 +178,13 @@ def test_library_calls_stay_outside_kernels():
     assert is_plain(jax.make_jaxpr(lambda x: jax.lax.fori_loop(0, 3, lambda i, x: jnp.sin(x), x))(X).jaxpr)
     assert not is_plain(jax.make_jaxpr(lambda a: jax.lax.fori_loop(0, 3, lambda i, a: jnp.linalg.cholesky(a), a))(SPD[0]).jaxpr)
     np.testing.assert_allclose(jax.jit(lambda a: fused(jnp.linalg.cholesky, True, a))(SPD[0]), jnp.linalg.cholesky(SPD[0]))
+
+
+def test_large_results_stay_outside_kernels():
+    """XLA splits what fills them over threads, which it cannot do inside a kernel: the program would not link."""
+
+    def run(x):
+        return jax.lax.map(lambda x: fused(lambda x: jnp.outer(jnp.arange(128.0), x), x[0] <= x[-1], x), x.reshape(2, -1))
+
+    x = jnp.arange(2.0 * 512)  # results of 128 x 512 numbers, 512 KiB
+    np.testing.assert_allclose(jax.jit(run)(x)[1, 3], 3 * x[512:], rtol=1e-15)

@@ -12,7 +12,9 @@ from jaxobs import linalg
 from jaxobs.designs import _optimality, sdp
 from jaxobs.designs.sdp_value import SdpProblem, sdp_value
 
-ORDERS = (2, 3, 4, 5)
+pytestmark = pytest.mark.usefixtures("hardly_optimised")
+
+FIRST, SECOND = (tuple(n if n == fast else pytest.param(n, marks=pytest.mark.slow) for n in (2, 3, 4, 5)) for fast in (2, 3))
 SLOPE, RATE = 0.02, 0.1  # of the nonlinearity of the chain; the decay rate asked for
 
 
@@ -90,7 +92,7 @@ def eigenvalue():
     return sdp_value(SdpProblem({"t": sdp.scalar()}, lmis, maximise=lambda theta, t: t))
 
 
-@pytest.mark.parametrize("n", ORDERS)
+@pytest.mark.parametrize("n", FIRST)
 def test_gradient_of_the_margin_of_a_decay_rate(n):
     def reference(gain):
         found = sdp.feasible({"p": sdp.symmetric(n, trace=float(n))}, lambda p: decay(gain, p, np))
@@ -102,7 +104,7 @@ def test_gradient_of_the_margin_of_a_decay_rate(n):
     np.testing.assert_allclose(gradient, expected, rtol=1e-4, atol=1e-4 * np.max(np.abs(expected)))
 
 
-@pytest.mark.parametrize("n", ORDERS)
+@pytest.mark.parametrize("n", SECOND)
 def test_gradient_of_a_guaranteed_noise_level(n):
     def reference(theta):
         unknowns, gain = {"q": sdp.symmetric(n)}, theta[:-1]
@@ -116,7 +118,7 @@ def test_gradient_of_a_guaranteed_noise_level(n):
     np.testing.assert_allclose(gradient, expected, rtol=1e-4, atol=1e-4 * np.max(np.abs(expected)))
 
 
-@pytest.mark.parametrize("n", ORDERS)
+@pytest.mark.parametrize("n", SECOND)
 def test_without_uncertainty_the_level_is_that_of_the_lyapunov_equation(n):
     """Both corners are the same inequality then, so that the duals are not unique; the derivative along the gains exists."""
 
@@ -295,21 +297,30 @@ def test_bad_problems_are_refused(as_users_have_it):
         sdp_value(unknowns)
 
 
-def test_bad_functions_are_refused(as_users_have_it):
-    m = jnp.asarray([[0.0, 1.0], [0.0, 0.0]])
-    for match, lmis, maximise in (
-        ("asymmetry", lambda theta, p: [p @ m + theta], None),
-        ("affine", lambda theta, p: [p @ p + theta * m @ m.T], None),
-        ("affine", lambda theta, p: [p], lambda theta, p: jnp.linalg.det(p)),
+NILPOTENT = np.array([[0.0, 1.0], [0.0, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("match", "lmis", "maximise"),
+    [
+        ("asymmetry", lambda theta, p: [p @ NILPOTENT + theta], None),
+        ("affine", lambda theta, p: [p @ p + theta * NILPOTENT @ NILPOTENT.T], None),
+        pytest.param("affine", lambda theta, p: [p], lambda theta, p: jnp.linalg.det(p), marks=pytest.mark.slow),
         (r"F_0 float64\[2\]; expected float64", lambda theta, p: [p[0]], None),
         (r"F_0 float64\[2, 1\]; expected float64", lambda theta, p: [p[:, :1]], None),
         ("F_0 float32", lambda theta, p: [p.astype(jnp.float32)], None),
         ("none; expected one matrix", lambda theta, p: [], None),
         (r"maximise: given float64\[2\]", lambda theta, p: [p], lambda theta, p: p[0]),
-    ):
-        value = sdp_value(SdpProblem({"p": sdp.symmetric(2, trace=2.0)}, lmis, maximise))
-        with pytest.raises(ValueError, match=match):
-            value(1.0)
+    ],
+)
+def test_bad_functions_are_refused(match, lmis, maximise, as_users_have_it):
+    value = sdp_value(SdpProblem({"p": sdp.symmetric(2, trace=2.0)}, lmis, maximise))
+    with pytest.raises(ValueError, match=match):
+        value(1.0)
+
+
+@pytest.mark.slow
+def test_bad_functions_are_nan_under_jit():
     assert np.isnan(jax.jit(sdp_value(SdpProblem({"p": sdp.symmetric(2)}, lambda theta, p: [p @ p])))(1.0))
 
 

@@ -19,6 +19,8 @@ from jaxobs.observers import DiscreteTracker, HighGain, IntegralHighGain, Luenbe
 from jaxobs.plants import Discretised, IntegratorChain, Pendulum, SampledChain
 from jaxobs.tuning import Affine, ByCondition5, Linear, LogQ, Positive, Quadratic, tune
 
+pytestmark = pytest.mark.usefixtures("hardly_optimised")
+
 PLANT = Pendulum()
 MODEL = lpv_model(PLANT, slope_entries([[-1.0, 0.0]], [[1.0, 0.0]]))
 CHART = LogQ()
@@ -134,16 +136,17 @@ def test_a_start_that_does_not_prove_the_rate_is_moved():
     assert "was repaired" in str(found)
 
 
+@pytest.mark.slow
 def test_a_rate_out_of_reach_is_refused_with_the_nearest():
-    """With alpha_1 fixed at 1 no alpha_2 decays faster than 1/2, and the box costs more."""
+    """With alpha_1 = 1 the poles sum to -1: 1/2 is the supremum, approached for alpha_2 to infinity, where the slope is small."""
 
     def make(theta):
         return HighGain(PLANT, jnp.stack([jnp.ones(()), jnp.exp(theta)]), 1.0)
 
-    nearest = max(largest_rate([1.0, a]) for a in np.geomspace(0.3, 30.0, 60))
+    assert largest_rate([1.0, 300.0]) > 0.45
     with pytest.raises(Infeasible, match=r"no start proves the rate 2 1/s.*The nearest that was reached is") as error:
         tune(make, lambda observer, key: variance(observer.alphas), jnp.asarray(0.0), certify=Quadratic(MODEL), rate=2.0)
-    assert error.value.best == pytest.approx(nearest, abs=0.05 * abs(nearest) + 0.02)
+    assert 0.45 < error.value.best < 0.5
 
 
 def total(observer, key):
@@ -153,7 +156,7 @@ def total(observer, key):
 @pytest.mark.parametrize(
     ("q", "cover"),
     [
-        (1, "multiplier"),
+        pytest.param(1, "multiplier", marks=pytest.mark.slow),
         pytest.param(0, "corners", marks=pytest.mark.slow),
         pytest.param(0, "multiplier", marks=pytest.mark.slow),
         pytest.param(1, "corners", marks=pytest.mark.slow),
@@ -197,6 +200,7 @@ def test_the_s_lemma():
     assert found.loss < found.first_loss
 
 
+@pytest.mark.slow
 def test_condition_5():
     gamma = 2 * riccati_gamma(alphas=[3.0, 2.0], lipschitz=1.5)
 
@@ -241,8 +245,14 @@ def test_a_step_observer():
     ("make", "certify", "rate"),
     [
         (lambda theta: Tracker(2, 1, jnp.exp(theta)), Linear(IntegratorChain(2)), 5.0),
-        (lambda theta: DiscreteTracker(2, 0, jnp.exp(theta), 0.01), Linear(SampledChain(2, 0.01), step=True), np.exp(-0.05)),
-        (lambda theta: Luenberger(IntegratorChain(2), jnp.exp(theta) * LUENBERGER), Linear(IntegratorChain(2)), 3.0),
+        pytest.param(
+            lambda theta: DiscreteTracker(2, 0, jnp.exp(theta), 0.01), Linear(SampledChain(2, 0.01), step=True), np.exp(-0.05),
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            lambda theta: Luenberger(IntegratorChain(2), jnp.exp(theta) * LUENBERGER), Linear(IntegratorChain(2)), 3.0,
+            marks=pytest.mark.slow,
+        ),
     ],
     ids=["tracker", "discrete tracker", "Luenberger"],
 )  # fmt: skip
