@@ -138,7 +138,7 @@ def test_a_start_that_does_not_prove_the_rate_is_moved():
 
 @pytest.mark.slow
 def test_a_rate_out_of_reach_is_refused_with_the_nearest():
-    """With alpha_1 = 1 the poles sum to -1: 1/2 is the supremum, approached for alpha_2 to infinity, where the slope is small."""
+    """With alpha_1 = 1 the poles sum to -1: 1/2 is the supremum, which alpha_2 approaches at infinity."""
 
     def make(theta):
         return HighGain(PLANT, jnp.stack([jnp.ones(()), jnp.exp(theta)]), 1.0)
