@@ -71,8 +71,8 @@ history = history_figure(tuned, title="pendulum, q = 0")
 # %% [markdown]
 # ## One integrator, at the same rate
 #
-# The innovation passes an integrator first (q = 1), and the proof is of the error behind it. Its gains start three times faster,
-# so that they prove the rate of the printed gain; a start that does not is moved until it does.
+# The innovation passes an integrator first (q = 1), and the proof is of the error behind it. Its gains start three times
+# faster, so that they prove the rate of the printed gain; a start that does not is moved until it does.
 
 
 # %%
