@@ -1,5 +1,7 @@
 """Every test runs in float64, with strict promotion, shapes and types checked at run time, and warnings as errors."""
 
+import signal
+
 import jax
 import jaxtyping
 import pytest
@@ -9,6 +11,8 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 settings.register_profile("jaxobs", deadline=None, derandomize=True)
 settings.load_profile("jaxobs")
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as shells start what they run in the background: Ctrl-C is tested too
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 HOOK = jaxtyping.install_import_hook("jaxobs", "beartype.beartype")
 
 

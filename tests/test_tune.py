@@ -49,7 +49,7 @@ def tuned():
 
 
 def largest_rate(alphas):
-    return corner_lmi.largest_rate(MODEL, np.asarray(alphas, float)[:, None])
+    return corner_lmi.largest_rate(MODEL, np.asarray(alphas, float)[:, None], rtol=1e-8)
 
 
 def test_the_certificate_is_exact_and_of_this_observer_and_rate():
