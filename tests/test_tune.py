@@ -1,5 +1,6 @@
 """tune: the optimum against another search, proofs that hold, starts that are repaired or refused, and bad input."""
 
+import dataclasses
 import functools
 
 import jax
@@ -18,6 +19,9 @@ from jaxobs.integrators import Euler
 from jaxobs.observers import DiscreteTracker, HighGain, IntegralHighGain, Luenberger, StepLuenberger, Tracker
 from jaxobs.plants import Discretised, IntegratorChain, Pendulum, SampledChain
 from jaxobs.tuning import Affine, ByCondition5, Linear, LogQ, Positive, Quadratic, tune
+from jaxobs.tuning.descent import Search
+from jaxobs.tuning.history import History
+from jaxobs.tuning.tuned import change
 
 pytestmark = pytest.mark.usefixtures("hardly_optimised")
 
@@ -326,6 +330,33 @@ def test_ctrl_c_ends_with_a_proof():
     assert len(seen) == 1
     assert found.stopped
     assert found.certificate.verify()
+
+
+def test_ctrl_c_before_anything_is_searched_is_passed_on(monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Search, "run", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        tune(high_gain, quiet, START, certify=None)
+
+
+def test_why_steps_were_taken_back():
+    """Start 0 left what is proved at step 1, in start 1 the loss of keys[3] failed at step 0 and a gradient at step 2."""
+    good = np.array([[True, False, True], [False, True, False]])
+    lane = np.array([[-1, -1, -1], [3, -1, -1]])
+    numbers = np.ones((2, 3))
+    one = History(numbers, numbers, np.array([0.1, 0.1, 0.0]), numbers, good, lane, {}, 6, 1.0, 0.5)
+    first, second = one.refused()
+    assert first == "start 0: 1 of 3 steps taken back, the first at step 1: left what is proved"
+    assert second == "start 1: 2 of 3 steps taken back, the first at step 0: the loss of keys[3] was not finite"
+    bare = dataclasses.replace(one, weight=np.zeros(3), lane=np.full((2, 3), -1))
+    assert all(said.endswith("its gradient was not finite") for said in bare.refused())
+
+
+@pytest.mark.parametrize(("new", "old", "said"), [(0.8, 1.0, "-20.0%"), (-3.5, -3.0, "-0.5"), (0.25, -0.25, "+0.5")])
+def test_a_loss_that_may_be_negative_changes_by_a_difference(new, old, said):
+    assert change(new, old) == said
 
 
 def test_the_names_at_the_top():

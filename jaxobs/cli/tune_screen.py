@@ -18,6 +18,7 @@ from jaxobs.cli.tune_floor import WORDS
 from jaxobs.cli.tune_free import attribute
 from jaxobs.report.tuning_figures import comparison_figure, history_figure
 from jaxobs.tuning.case import Outcome
+from jaxobs.tuning.tuned import change as relative
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,7 +107,7 @@ def summary(results: Sequence[Result], console: Console) -> None:
         tuned, (before, after) = result.outcome.tuned, result.rows
         rate = "none" if tuned.certificate is None else f"{tuned.rate:.4g} {tuned.unit}"
         change = f"{after.change:+.1%} [{100 * after.change_low:+.1f}, {100 * after.change_high:+.1f}]"
-        cost = "" if tuned.free_loss is None else f"{tuned.loss / tuned.free_loss - 1:+.1%}"
+        cost = "" if tuned.free_loss is None else relative(tuned.loss, tuned.free_loss)
         floor = "" if after.floor is None else f"{after.floor:.4g}"
         row = (result.job.case.name, rate, f"x{after.state}", f"{before.rmse:.4g}", f"{after.rmse:.4g}", change, floor, cost)
         table.add_row(*row)

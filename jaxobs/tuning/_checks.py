@@ -67,8 +67,7 @@ def require_dependence(mean: Callable[[Any], Any], theta: Any) -> None:
 
 
 def _number(leaf: Any) -> Any:
-    array = jnp.asarray(leaf)
-    return array.astype(jnp.float64) if not jnp.issubdtype(array.dtype, jnp.floating) else jnp.array(array, jnp.float64)
+    return jnp.asarray(leaf, jnp.float64)
 
 
 def _shapes(theta: Any) -> str:

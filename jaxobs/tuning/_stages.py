@@ -140,6 +140,8 @@ class Stages:
                 if len(before) > 2 and np.all(before[-3] - values <= SETTLED * np.maximum(np.abs(values), 1e-300)):
                     break
         except KeyboardInterrupt:
+            if not self.parts:
+                raise  # nothing was searched yet
             self.stopped = True
         return x, values
 

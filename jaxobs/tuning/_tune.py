@@ -42,7 +42,7 @@ def tune(
     `steps` steps (optimizer: of optax, L-BFGS with backtracking if not given). At the end the iterates with the least loss are
     proved in exact arithmetic until one holds: a gain that is not proved is never returned unless certify=None is said. price:
     search once more without the certificate, to say what it costs. A start that does not prove the rate is moved until it does.
-    Ctrl-C ends the search; the best so far is proved and returned. progress: called after every 20 steps.
+    Ctrl-C ends the search once it has begun; the best so far is proved and returned. progress: called after every 20 steps.
 
     Infeasible where no start could be moved to prove the rate; its `best` is the nearest rate that was. ValueError in float32,
     for a theta without numbers, a loss that is not finite at a start (it names start and key) or does not depend on a part of
@@ -59,7 +59,7 @@ def tune(
     run = Stages(mean, make, certify, optimizer, steps, progress)
     given = [Candidate(i, theta, rate) for i, theta in enumerate(thetas)]
     first_loss, lanes = run.loss(given[0]), 1 if keys is None else len(keys)
-    certificate, free_loss, dropped, unit = None, None, (), "1/s"
+    certificate, free_loss, ready, dropped, unit = None, None, given, [], "1/s"
     if certify is None:
         best = min(run.descend(given, (0.0,)), key=lambda one: one.loss)
         history = run.history(lanes)
@@ -74,5 +74,5 @@ def tune(
     return Tuned(
         observer=make(one.theta), certificate=certificate, history=history, theta=one.theta, loss=best.loss,
         first_loss=first_loss, free_loss=free_loss, rate=rate, unit=unit, start=one.start,
-        repaired=(one.start,) if one.repaired else (), dropped=tuple(dropped), stopped=run.stopped,
+        repaired=tuple(other.start for other in ready if other.repaired), dropped=tuple(dropped), stopped=run.stopped,
     )  # fmt: skip

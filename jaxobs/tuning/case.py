@@ -36,16 +36,13 @@ class Case:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Outcome:
-    """before: the certificate of the gain before, at the same rate (None without one); comparison: what `check` found."""
+    """observers: "before" and "after"; before: the certificate of the gain before, at the same rate (None without one);
+    comparison: what `check` found."""
 
-    case: Case
+    observers: dict[str, Observer]
     tuned: Tuned
     before: AbstractCertificate | None
     comparison: Any
-
-    @property
-    def observers(self) -> dict[str, Observer]:
-        return {"before": self.case.make(self.case.theta0), "after": self.tuned.observer}
 
 
 def run(case: Case, *, progress: Callable[[Any], None] | None = None) -> Outcome:
@@ -69,7 +66,7 @@ def run(case: Case, *, progress: Callable[[Any], None] | None = None) -> Outcome
         progress=progress, **case.options,
     )  # fmt: skip
     observers = {"before": case.make(case.theta0), "after": tuned.observer}
-    return Outcome(case, tuned, before, case.check(observers))
+    return Outcome(observers, tuned, before, case.check(observers))
 
 
 def _short(rate: float, unit: str) -> float:

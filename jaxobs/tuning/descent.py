@@ -70,9 +70,8 @@ class Search:
             dtype = jax.tree.leaves(theta)[0].dtype
             return State(theta, self.optimizer.init(theta), theta, jnp.asarray(jnp.inf, dtype), jnp.ones((), dtype))
 
-        return jax.tree.map(
-            lambda a: jax.lax.convert_element_type(a, a.dtype), jax.vmap(one)(thetas)
-        )  # strong: one compilation
+        # Of a strong dtype: otherwise the second block would be compiled again.
+        return jax.tree.map(lambda a: jax.lax.convert_element_type(a, a.dtype), jax.vmap(one)(thetas))
 
     def run(self, state: State, args: Any, steps: int, shared: Any = None) -> tuple[State, Record]:
         """args: a pytree with a leading axis of starts, shared: the same for all. Records have the shape (starts, steps)."""

@@ -42,7 +42,8 @@ class History:
             if good.all():
                 continue
             first = int(np.argmin(good))
-            why = "left what is proved" if lanes[first] < 0 else f"the loss of keys[{int(lanes[first])}] was not finite"
+            why = "left what is proved" if self.weight[first] > 0 else "its gradient was not finite"
+            why = f"the loss of keys[{int(lanes[first])}] was not finite" if lanes[first] >= 0 else why
             found.append(f"start {i}: {int((~good).sum())} of {good.size} steps taken back, the first at step {first}: {why}")
         return found
 

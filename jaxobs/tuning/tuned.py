@@ -8,6 +8,11 @@ from jaxobs.observers import Observer
 from jaxobs.tuning.history import History
 
 
+def change(new: float, old: float) -> str:
+    """The relative change of a positive loss; the difference of one that may be negative, as a likelihood is."""
+    return f"{new / old - 1:+.1%}" if new > 0 and old > 0 else f"{new - old:+.4g}"
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Tuned:
     """observer, with the parameters theta, and the certificate of its `rate` (None if none was asked for), verified.
@@ -32,16 +37,15 @@ class Tuned:
     stopped: bool = False
 
     def __str__(self) -> str:
-        change = self.loss / self.first_loss - 1
-        lines = [f"loss {self.loss:.6g}, {change:+.1%} against {self.first_loss:.6g} at theta0"]
+        lines = [f"loss {self.loss:.6g}, {change(self.loss, self.first_loss)} against {self.first_loss:.6g} at theta0"]
         if self.certificate is None:
             lines.append("nothing is proved: certify=None")
         else:
             what = "factor" if self.unit == "a step" else "decay rate"
             lines.append(f"proved in exact arithmetic: {what} {self.rate:.6g} {self.unit} ({self.certificate.theorem})")
         if self.free_loss is not None:
-            price = self.loss / self.free_loss - 1
-            lines.append(f"without the proof the same search reaches {self.free_loss:.6g}: the proof costs {price:+.1%}")
+            price = change(self.loss, self.free_loss)
+            lines.append(f"without the proof the same search reaches {self.free_loss:.6g}: the proof costs {price}")
         h = self.history
         lines.append(f"{h.loss.shape[1]} steps from {h.loss.shape[0]} starts, {h.calls} calls, {h.seconds:.1f} s"
                      f" ({h.compile_seconds:.1f} s to compile); best start {self.start}")  # fmt: skip

@@ -25,9 +25,12 @@ class AbstractCertifier(abc.ABC):
     """A theorem for an observer and a decay rate, in the three forms that a search needs.
 
     start(observer, rate)                   on the host: from what witnesses the search starts
-    barrier(observer, fixed, free, rate)    in JAX: -sum log det of what is positive definite if and only if the witnesses
-                                            prove the rate, of `size` rows in all; NaN where it is not
+    barrier(observer, fixed, free, rate)    in JAX: the mean of -log of the eigenvalues of what is positive definite if and only
+                                            if the witnesses prove the rate; NaN where it is not
     prove(observer, fixed, free, rate)      on the host: the exact certificate; Infeasible where it does not hold
+
+    unit: of the rate, "1/s", or "a step" for a factor, of which less is faster. Source: Boyd and Vandenberghe, Convex
+    Optimization, section 11.6 (log-determinant barriers).
     """
 
     unit: str = "1/s"

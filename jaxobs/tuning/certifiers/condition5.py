@@ -37,9 +37,8 @@ class ByCondition5(AbstractCertifier):
 
     def prove(self, observer: Any, fixed, free, rate):
         plant, q = observer.model, getattr(observer, "q", 0)
-        certificate = riccati(
-            plant, lipschitz=self.lipschitz, alphas=observer.alphas, gamma=float(observer.gamma), q=q
-        )[1]  # fmt: skip
+        gamma = float(observer.gamma)
+        certificate = riccati(plant, lipschitz=self.lipschitz, alphas=observer.alphas, gamma=gamma, q=q)[1]
         if not _decays(certificate, rate):
             reason = f"the witnesses of condition (5) prove less than the rate {rate:.6g} 1/s in exact arithmetic"
             raise Infeasible(reason, -0.0, "Ask for a little less.", best=float(self._rate(observer)))

@@ -30,7 +30,9 @@ class Linear(AbstractCertifier):
     """Decay of eps' = F eps (eps+ = F eps) at `rate`, F = d flow/dz of the observer itself, as `linearise` has it.
 
     plant: a linear one with the observer's n and p: the chain of integrators that a tracker follows, or the observer's model.
-    The certificate is about the F that the numbers of the observer make, in floats. ValueError for an F that changes with x.
+    step: for step observers; the rate is then the factor a step. The certificate is about the F that the numbers of the
+    observer make, in floats. ValueError for an F that changes with x. Source: Lyapunov's equation, Boyd et al., 1994, section
+    5.1.
     """
 
     plant: AbstractFlowPlant | AbstractStepPlant

@@ -41,10 +41,11 @@ MANY = 64  # corners: with more of them multipliers take their place
 class Quadratic(AbstractCertifier):
     """Decay of e' = (a + sum_k rho_k b_k c_k' + M Delta N - L output) e at `rate` for all rho in the box and |Delta| <= 1.
 
-    model: the error dynamics without the gain, from `designs.lpv_model`, `lpv_from`, or a chain by `chain_error_model`. slope:
-    M and N, of a block of bounded norm, None if there is none (the S-lemma). step: for e+; the rate is then the factor a step.
-    cover: "corners", or "multiplier"; by itself corners up to 64 of them. origin: where the bounds come from.
-    ValueError for step models with multipliers or a block.
+    model: the error dynamics without the gain, from `designs.lpv_model` or `lpv_from`; `model.behind(q)` behind q integrators.
+    slope: M and N, of a block of bounded norm (the S-lemma), None if there is none. step: for e+; the rate is then the factor a
+    step. cover: "corners", or "multiplier"; by itself corners up to 64 of them. origin: where the bounds come from.
+    ValueError for step models with multipliers or a block, a gain that does not fit. Source: Boyd et al., Linear Matrix
+    Inequalities in System and Control Theory, 1994, sections 5.1 and 8.1.
     """
 
     model: Polytope
