@@ -2,19 +2,17 @@
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 import scipy.optimize
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from jaxobs.observers import AbstractFlowObserver, Observer
 from jaxobs.plants import AbstractPlant
+from jaxobs.tuning.linear_error import linearise
 
-STILL = 1e-9  # a part of z that moves by less, relative to it and to one, is at rest
+STILL = 1e-9  # a part of z that moves by less, in its units a second or a sample, is at rest
 POINTS, DECADES = 600, 4  # of the frequencies, and how far they go beyond the fastest pole
 
 
@@ -82,34 +80,14 @@ def _crossing(response: Any, still: float, rates: np.ndarray, last: float | None
 
 def _matrices(observer: Any, plant: AbstractPlant, x: Any, u: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, bool]:
     """F, G, H, D of y_1 -> yhat_1 on the part of z through which y acts on it; whether the rest of z moves."""
-    f, g, h, d, speed, z = (np.asarray(part, np.float64) for part in _jacobians(observer, plant, x, u))
+    error = linearise(observer, plant, x, u)
+    c = np.asarray(jax.jacfwd(lambda x: plant.h(x, u)[0])(x), np.float64)
+    f, g, speed = (np.asarray(part, np.float64) for part in (error.f, error.noise[:, 0], error.drift))
+    h, d = (c @ np.asarray(part, np.float64) for part in (error.output, error.direct))
     links = np.eye(len(f), dtype=bool) | (f != 0)
     for _ in range(len(f)):
         links = links | (links.astype(int) @ links.astype(int) > 0)
-    between = (links @ (g[:, 0] != 0)) & ((h != 0) @ links)
-    moves = bool(np.any(np.abs(speed[~between]) > STILL * (1 + np.abs(z[~between]))))
+    between = (links @ (g != 0)) & ((h != 0) @ links)
+    moves = bool(np.any(np.abs(speed[~between]) > STILL))
     keep = np.nonzero(between)[0]
-    return f[np.ix_(keep, keep)], g[keep, 0], h[keep], float(d[0]), moves
-
-
-@eqx.filter_jit
-def _jacobians(observer: Any, plant: AbstractPlant, x: Any, u: Any) -> tuple[Any, ...]:
-    """The whole of F, G, H, D, what z gains in a second or in a step, and z."""
-    floats, rest = eqx.partition(observer.init(x), eqx.is_inexact_array)
-    z, unravel = ravel_pytree(floats)
-    flows = isinstance(observer, AbstractFlowObserver)
-    time = jnp.zeros((), x.dtype) if flows else jnp.zeros((), int)
-
-    def whole(z):
-        return eqx.combine(unravel(z), rest)
-
-    def move(z, y):
-        ahead = (observer.flow if flows else observer.step)(time, whole(z), u, y)
-        return ravel_pytree(eqx.filter(ahead, eqx.is_inexact_array))[0]
-
-    def output(z, y):
-        return plant.h(observer.estimate(time, whole(z), u, y), u)[0]
-
-    y = observer.predict(time, whole(z), u)  # the innovation is zero, so that what multiplies it has no derivative
-    (f, g), (h, d) = (jax.jacfwd(one, argnums=(0, 1))(z, y) for one in (move, output))
-    return f, g, h, d, move(z, y) if flows else move(z, y) - z, z
+    return f[np.ix_(keep, keep)], g[keep], h[keep], float(d[0]), moves
