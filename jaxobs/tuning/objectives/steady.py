@@ -23,7 +23,8 @@ class SteadyNoise(Module):
     square of the steady error that the observer's own model makes at the point, |E bias|^2: without it, or process noise, less
     gain is always better.
 
-    Exact for a linear error, first order in the noise otherwise. Infinite where the linear error is not stable.
+    Exact for a linear error, first order in the noise otherwise. Infinite where the linear error is not stable. With dt, poles
+    beyond 2 / dt look quiet, since the held sample is followed at once; no fixed step follows them: cap them by `Weighted`.
     """
 
     plant: AbstractFlowPlant | AbstractStepPlant
