@@ -9,7 +9,7 @@ import scipy.optimize
 from jaxtyping import Array, Float
 
 from jaxobs.observers import AbstractFlowObserver, Observer
-from jaxobs.plants import AbstractPlant
+from jaxobs.plants import AbstractFlowPlant, AbstractStepPlant
 from jaxobs.tuning.linear_error import linearise
 
 STILL = 1e-9  # a part of z that moves by less, in its units a second or a sample, is at rest
@@ -24,7 +24,9 @@ class Passband(NamedTuple):
     fastest_pole: float
 
 
-def passband(observer: Observer, plant: AbstractPlant, x: Float[Array, " n"], u: Any, dt: float) -> Passband:
+def passband(
+    observer: Observer, plant: AbstractFlowPlant | AbstractStepPlant, x: Float[Array, " n"], u: Any, dt: float
+) -> Passband:
     """With F = d flow/dz, G = d flow/dy, H = d h(xhat)/dz, D = d h(xhat)/dy at z = init(x), T(s) = H (sI - F)^-1 G + D:
 
         bandwidth: |T(j w)| < |T(0)| / sqrt 2 for all w beyond it
@@ -78,7 +80,9 @@ def _crossing(response: Any, still: float, rates: np.ndarray, last: float | None
     return float(np.exp(found.root))
 
 
-def _matrices(observer: Any, plant: AbstractPlant, x: Any, u: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, bool]:
+def _matrices(
+    observer: Any, plant: AbstractFlowPlant | AbstractStepPlant, x: Any, u: Any
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, bool]:
     """F, G, H, D of y_1 -> yhat_1 on the part of z through which y acts on it; whether the rest of z moves."""
     error = linearise(observer, plant, x, u)
     c = np.asarray(jax.jacfwd(lambda x: plant.h(x, u)[0])(x), np.float64)
