@@ -9,6 +9,7 @@ from jaxobs.intervals import rules_indexing as rules_indexing
 from jaxobs.intervals import rules_logic as rules_logic
 from jaxobs.intervals import rules_reduce as rules_reduce
 from jaxobs.intervals import rules_structure as rules_structure
+from jaxobs.intervals.declared import require_derivatives as require_derivatives
 from jaxobs.intervals.interval import Interval as Interval
 from jaxobs.intervals.interval import hull as hull
 from jaxobs.intervals.interval import point as point

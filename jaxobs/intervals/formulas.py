@@ -6,6 +6,7 @@ expressions are seen without any search for identities.
 """
 
 import dataclasses
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 ONE = Fraction(1)
 LONGEST = 2000  # characters of a part of a formula, for reading
 FUNCTIONS = ("sin", "cos", "tanh", "exp", "log", "sqrt", "atan", "erf")
+EXACT = {"sin": (0, 0), "cos": (0, 1), "tanh": (0, 0), "exp": (0, 1), "log": (1, 0), "atan": (0, 0), "erf": (0, 0)}  # f(a) = b
 
 
 @dataclasses.dataclass(frozen=True, order=True)
@@ -71,6 +73,8 @@ class Graph:
         self._numbers: dict[tuple[Any, ...], int] = {}
 
     def atom(self, *key: Any) -> Expression:
+        if key[0] in FUNCTIONS and key[1].is_constant and (value := _exact(key[0], key[1].constant)) is not None:
+            return Expression(value)
         number = self._numbers.setdefault(key, len(self.atoms))
         if number == len(self.atoms):
             self.atoms.append(key)
@@ -174,6 +178,15 @@ def _sum(e: Expression, known: Mapping[int, str]) -> str:
     if e.constant or not parts:
         parts.append(f"{float(e.constant):.6g}")
     return " + ".join(parts).replace("+ -", "- ")
+
+
+def _exact(name: str, x: Fraction) -> Fraction | None:
+    """The value of a function at a number, where it is a fraction."""
+    if name == "sqrt":
+        roots = [math.isqrt(part) for part in (max(x.numerator, 0), x.denominator)]
+        return Fraction(*roots) if Fraction(*roots) ** 2 == x else None
+    at, value = EXACT[name]
+    return Fraction(value) if x == at else None
 
 
 def _normal(e: Expression) -> tuple[Fraction, Expression]:

@@ -1,6 +1,7 @@
 """What each JAX primitive is in formulas, element by element."""
 
 import dataclasses
+import math
 from collections.abc import Callable
 from fractions import Fraction
 from functools import reduce
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from jaxobs.intervals.formulas import FUNCTIONS, Expression, Graph, combine, constant
+from jaxobs.intervals.table import UnknownPrimitiveError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,7 +26,12 @@ Element = Expression | Predicate | bool | np.bool_
 
 def element(x: Any) -> Element:
     """An entry of a known array: truth values stay, numbers become constants."""
-    return x if isinstance(x, Element) else constant(x.item() if isinstance(x, np.generic) else x)
+    if isinstance(x, Element):
+        return x
+    number = x.item() if isinstance(x, np.generic) else x
+    if isinstance(number, float) and not math.isfinite(number):
+        raise UnknownPrimitiveError(f"the number {number} has no formula. Write the function without it.")
+    return constant(number)
 
 
 def choose(graph: Graph, which: Any, yes: Any, no: Any) -> Any:
@@ -132,7 +139,7 @@ ELEMENTWISE: dict[str, Callable[..., Any]] = {
     "and": lambda g, p, q: _and(p, q),
     "or": lambda g, p, q: _or(p, q),
     "not": lambda g, p: _not(p),
-    **dict.fromkeys(("stop_gradient", "copy", "copy_p", "optimization_barrier"), lambda g, e: e),
+    **dict.fromkeys(("stop_gradient", "copy", "copy_p", "name", "optimization_barrier"), lambda g, e: e),
 }
 
 REDUCE: dict[str, Callable[[Graph, list[Any]], Any]] = {

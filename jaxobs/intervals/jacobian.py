@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxobs._module import refuse
 from jaxobs.intervals import graph
+from jaxobs.intervals.declared import require_derivatives
 from jaxobs.intervals.formula_ranges import formula_ranges
 from jaxobs.intervals.interval import Interval, whole
 from jaxobs.intervals.jaxpr import trace
@@ -61,12 +62,14 @@ def jacobian_bounds(f: Callable[..., Any], box: Any, rtol: float = 1e-6, max_box
         J_ij(Z) in J_ij(m) + sum_k dJ_ij/dz_k(Z) (Z_k - m_k),      z = (x, u, ...).
 
     Entries that nothing bounds come back infinite. UnknownPrimitiveError names what intervals cannot follow; ValueError for
-    boxes that do not fit. Source: Moore, Kearfott and Cloud, Introduction to Interval Analysis, 2009, chapters 6 and 11; Hansen
-    and Walster, Global Optimization Using Interval Analysis, 2004, chapter 12.
+    boxes that do not fit and for derivatives that are declared (`require_derivatives`). Source: Moore, Kearfott and Cloud,
+    Introduction to Interval Analysis, 2009, chapters 6 and 11; Hansen and Walster, Global Optimization Using Interval Analysis,
+    2004, chapter 12.
     """
     parts = _parts(box)
     flat = _flattened(f, [part.shape for part in parts])
     z = Interval(*(np.concatenate([getattr(part, side).ravel() for part in parts]) for side in ("lower", "upper")))
+    require_derivatives("jacobian_bounds", flat, z.lower.size)
     n, program = parts[0].lower.size, trace(jax.jacfwd(flat), z)
     matrix, everywhere = (program(at).value[:, :n] for at in (z, whole(z.shape)))
     once = program(_centre(z))

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from jaxobs.intervals.declared import require_derivatives
 from jaxobs.intervals.interval import Interval, where, whole
 from jaxobs.intervals.jaxpr import Program, trace
 from jaxobs.intervals.search import Enclosure, Supremum, middle_of, run
@@ -71,7 +72,8 @@ def _seeds(z: Interval) -> np.ndarray:
 
 def enclosures(g: Function, n: int, edges: Function | None = None) -> Callable[[np.ndarray, np.ndarray], list[np.ndarray]]:
     """g: z (n,) -> (r,), as enclosures of values (k, r) and gradients (k, r, n) on k boxes at a time; gradients are the whole
-    line, and values at points unknown, where g may jump or be undefined on the box."""
+    line, and values at points unknown, where g may jump or be undefined on the box. ValueError for declared derivatives."""
+    require_derivatives("enclosures", g, n)
     programs: dict[int, Program] = {}
 
     def parts(z):

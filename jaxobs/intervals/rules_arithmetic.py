@@ -207,7 +207,7 @@ def _is_finite(_: Call, x: Interval) -> Interval:
     return truth(bounded, np.isinf(x.lower) & (x.lower == x.upper))
 
 
-@rule("stop_gradient", "copy", "optimization_barrier", "reduce_precision", "device_put")
+@rule("stop_gradient", "copy", "name", "optimization_barrier", "reduce_precision", "device_put")
 def _same(_: Call, *args: Interval) -> tuple[Interval, ...]:
     """The same numbers; what a lower precision would round away is no part of the function of real numbers."""
     return args

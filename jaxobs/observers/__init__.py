@@ -27,6 +27,7 @@ from jaxobs.observers.luenberger import StepLuenberger as StepLuenberger
 from jaxobs.observers.lyapunov import Lyapunov as Lyapunov
 from jaxobs.observers.lyapunov import StepLyapunov as StepLyapunov
 from jaxobs.observers.output_injection import OutputInjection as OutputInjection
+from jaxobs.observers.pulled_back import PulledBack as PulledBack
 from jaxobs.observers.sampled import Sampled as Sampled
 from jaxobs.observers.sampled_kalman import ContinuousDiscreteKalman as ContinuousDiscreteKalman
 from jaxobs.observers.step_integral import StepIntegral as StepIntegral

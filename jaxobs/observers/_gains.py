@@ -2,6 +2,7 @@
 
 import jax.numpy as jnp
 import numpy as np
+from jax.ad_checkpoint import checkpoint_name
 from jaxtyping import Array, Float
 
 from jaxobs import hurwitz
@@ -21,6 +22,11 @@ from jaxobs.plants import AbstractChain
 def powers(gamma: Scalar, count: int) -> Float[Array, " count"]:
     """(gamma, gamma^2, ..., gamma^count)."""
     return gamma ** jnp.arange(1, count + 1, dtype=gamma.dtype)
+
+
+def named(gain: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    """The gain itself, named in the traced program: exported code keeps it as a table, which a certificate is read against."""
+    return checkpoint_name(gain, "gain")
 
 
 def scaled_poles(alphas: Float[Array, " N"], gamma: Scalar) -> np.ndarray | None:

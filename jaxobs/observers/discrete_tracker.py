@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 
 from jaxobs._module import Scalar, param, require_positive, require_shape, static
 from jaxobs.observers._fading import fading_memory_gain, sampled_matrix, start_up_gain
+from jaxobs.observers._gains import named
 from jaxobs.observers.base import AbstractStepObserver
 from jaxobs.observers.tracker import check_start, check_tracker, signs, start_matrix
 from jaxobs.plants.integrator_chain import taylor_step
@@ -53,7 +54,7 @@ class DiscreteTracker(AbstractStepObserver):
         size = self.n + self.q
         decrement = -jnp.expm1(-self.mu * self.dt)  # 1 - sigma
         if self.start is None:
-            return fading_memory_gain(size, decrement, self.dt)
+            return named(fading_memory_gain(size, decrement, self.dt))
         rate = decrement / self.dt
         grades = rate ** jnp.arange(size, dtype=rate.dtype)
         scaled = (rate * grades[:, None] * start_matrix(self) * grades[None, :]).at[0, 0].add(decrement)

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxobs._module import Scalar, param
-from jaxobs.observers._gains import check_gains, powers, require_chain, scaled_poles
+from jaxobs.observers._gains import check_gains, named, powers, require_chain, scaled_poles
 from jaxobs.observers.base import AbstractFlowObserver, AbstractModelled
 from jaxobs.plants import AbstractChain
 
@@ -24,7 +24,7 @@ class HighGain(AbstractModelled, AbstractFlowObserver):
         check_gains(self, self.alphas, self.gamma, self.n, f"n = {self.n} coefficients")
 
     def gain(self) -> Float[Array, " n"]:
-        return self.alphas * powers(self.gamma, self.n)
+        return named(self.alphas * powers(self.gamma, self.n))
 
     def error_poles(self) -> np.ndarray | None:
         """The poles of the linear part of the error, where they are concrete."""

@@ -5,7 +5,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxobs._module import Scalar, param, require_integer, static
-from jaxobs.observers._gains import check_gains, powers, require_chain, scaled_poles
+from jaxobs.observers._gains import check_gains, named, powers, require_chain, scaled_poles
 from jaxobs.observers.base import AbstractFlowObserver, AbstractModelled
 from jaxobs.plants import AbstractChain
 
@@ -34,7 +34,7 @@ class IntegralHighGain(AbstractModelled, AbstractFlowObserver):
         check_gains(self, self.alphas, self.gamma, self.n + self.q, what)
 
     def gain(self) -> Float[Array, " N"]:
-        return self.alphas * powers(self.gamma, self.n + self.q)
+        return named(self.alphas * powers(self.gamma, self.n + self.q))
 
     def error_poles(self) -> np.ndarray | None:
         """The poles of the linear part of the error, where they are concrete."""
