@@ -55,6 +55,9 @@ from jaxobs.designs.objectives import Gain as Gain
 from jaxobs.designs.polytope import Polytope as Polytope
 from jaxobs.designs.proved_channels import proved_channels as proved_channels
 from jaxobs.designs.proved_channels import saturated as saturated
+from jaxobs.designs.recursions import current_form as current_form
+from jaxobs.designs.recursions import held_behind as held_behind
+from jaxobs.designs.recursions import tracker_form as tracker_form
 from jaxobs.designs.regional import half_widths as half_widths
 from jaxobs.designs.regional import regional as regional
 from jaxobs.designs.riccati import riccati as riccati
@@ -82,6 +85,9 @@ from jaxobs.designs.sets import data as data
 from jaxobs.designs.sets import everywhere as everywhere
 from jaxobs.designs.slopes import auxiliary as auxiliary
 from jaxobs.designs.slopes import slopes as slopes
+from jaxobs.designs.survey import Candidate as Candidate
+from jaxobs.designs.survey import Survey as Survey
+from jaxobs.designs.survey import survey as survey
 from jaxobs.designs.synthesis import Synthesis as Synthesis
 from jaxobs.designs.synthesis import sweep as sweep
 from jaxobs.designs.synthesis import synthesize as synthesize

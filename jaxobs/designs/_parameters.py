@@ -74,9 +74,13 @@ def bounded(
     known = np.isfinite(found.lower) & np.isfinite(found.upper)
     outer_low, outer_high, low, high = (one[known] for one in found[:4])
     size = np.maximum(np.maximum(np.abs(low), np.abs(high)), np.finfo(float).tiny)
-    gaps = np.maximum(low - outer_low, outer_high - high)
+    with np.errstate(invalid="ignore"):  # both infinite: nothing is known to be attained
+        gaps = np.nan_to_num(np.maximum(low - outer_low, outer_high - high), nan=np.inf, posinf=np.inf)
     texts = [formulas.graph.text(e) for e in expressions]
-    gap = float(np.max(gaps / size, initial=0.0))
+    with np.errstate(invalid="ignore"):
+        gap = float(
+            np.max(np.where(np.isinf(gaps) | np.isinf(size), np.where(gaps == 0, 0.0, np.inf), gaps / size), initial=0.0)
+        )
     return Bounded((q, n), constants, parameters, texts, found.lower, found.upper, gap, found.boxes)
 
 

@@ -14,7 +14,7 @@ from jaxobs.certificates.base import Verdict
 from jaxobs.designs._system import system
 from jaxobs.designs.infeasible import Infeasible
 from jaxobs.designs.sets import AbstractSet
-from jaxobs.intervals import Interval, graph
+from jaxobs.intervals import Interval, graph, require_derivatives
 from jaxobs.intervals.expressions import Polynomial, of_polynomial, polynomial
 from jaxobs.intervals.negative import is_negative
 
@@ -130,6 +130,8 @@ def _polynomials(f: Any, v: Any, inputs: Any, n: int) -> tuple[Polynomial, Polyn
     made = system("absorbing", f, inputs)
     if made.step:
         raise refuse("absorbing", "f", type(f).__name__, "a flow, x' = f", "Steps need another inequality.")
+
+    require_derivatives("absorbing", v, n)
 
     def rate(x, w):
         return jax.jvp(v, (x,), (made.f(x, w),))[1][None]

@@ -32,7 +32,9 @@ class Rung:
     """One kind of certificate, what it takes as known, and what it gives for the gains alphas_i gamma^i.
 
     smallest_gamma [1/s]: the infimum of the certified gamma, 0 where every gamma > 0 is; None where what it needs is not
-    known, or no gamma is certified. gamma: where `certificate` was made; None without one.
+    known, or no gamma is certified. gamma: where `certificate` was made; None without one. upward: whether every larger gamma
+    is certified as well: scaled by gamma^{j-n} the slopes shrink into the set that they scale, if it holds 0. Corners of a
+    box without 0 say nothing of larger ones, and the observer may be unstable there.
     """
 
     name: str
@@ -40,6 +42,7 @@ class Rung:
     smallest_gamma: float | None
     gamma: float | None
     certificate: AbstractCertificate | None
+    upward: bool = True
 
 
 def ladder(
@@ -101,9 +104,9 @@ def corners_gamma(*, alphas: Numbers, slopes: Numbers, q: int = 0) -> float | No
         inf {gamma > 0: some P > 0 has (A - L C + B psi')'P + P (A - L C + B psi') < 0 at all psi},      L_i = alphas_i gamma^i.
 
     alphas (n + q,), Hurwitz; slopes (n, 2): rows (lower, upper) of dphi/dx_j; q: integrators. Bisection, in floats, between a
-    gamma that is certified and one that is not; where the box holds 0 nothing is certified below it. 0 if 1e-12 still is, None
-    if none is found up to 1e12. ValueError for alphas of another number or not Hurwitz. Source: papers 002, (31) at j0 = n, and
-    004, (7); Boyd et al., 1994, section 5.1.
+    gamma that is certified and one that is not; where the box holds 0 nothing is certified below it and every gamma above it
+    is, else neither need be so. 0 if 1e-12 still is, None if none is found up to 1e12. ValueError for alphas of another number
+    or not Hurwitz. Source: papers 002, (31) at j0 = n, and 004, (7); Boyd et al., 1994, section 5.1.
     """
     box = np.asarray(slopes, float)
     a = require_alphas("corners_gamma", alphas, len(box) + q)
@@ -171,7 +174,8 @@ def _corners(plant, a, box, gamma, q) -> Rung:
         model = _model(a, box, 1.0, q)
         return None, corner_lmi.prove(model, (a * g ** np.arange(1.0, len(a) + 1))[:, None])
 
-    return _made(name, needs, smallest, gamma, prove)
+    upward = bool(np.all((box[:, 0] <= 0) & (box[:, 1] >= 0)))
+    return dataclasses.replace(_made(name, needs, smallest, gamma, prove), upward=upward)
 
 
 def _output_injection(plant, a, states, gamma, q) -> Rung:

@@ -21,7 +21,8 @@ from jaxobs.designs._parameters import Bounded, bounded
 from jaxobs.designs._system import System, system
 from jaxobs.designs.polytope import Polytope
 from jaxobs.designs.sets import AbstractSet, Around, Box
-from jaxobs.intervals import Interval, graph
+from jaxobs.intervals import Interval, graph, require_derivatives
+from jaxobs.intervals.interval import whole
 from jaxobs.intervals.jacobian import assumptions
 from jaxobs.plants import Discretised, Saturated
 
@@ -111,6 +112,7 @@ def way_of(owner: str, channels: str) -> Any:
 def derivative(made: System, n: int, t: np.ndarray | None = None) -> graph.Formulas:
     """The exact formulas of df/dx at x = t z, in the variables z and w; t = I if not given."""
     m, own = len(made.lower), t is None or np.array_equal(t, np.eye(n))
+    require_derivatives("lpv_from", made.f, n, m)
 
     def slopes(z, w):
         return jax.jacfwd(made.f)(z if own else jnp.asarray(t, z.dtype) @ z, w)
@@ -150,9 +152,10 @@ def sentence(domain: AbstractSet, made: System, found: Bounded, taken: tuple[str
         parts.append("conditional on its estimate staying there too")
     ends = zip(made.names, made.lower.tolist(), made.upper.tolist(), strict=True)
     parts += [f"{name} in [{low:.17g}, {high:.17g}]" for name, low, high in ends if np.isfinite(low) and np.isfinite(high)]
+    attained = f"attained to {found.gap:.2g} of the largest value" if np.isfinite(found.gap) else "not known to be attained"
     parts.append(
         f"there the parameters {'; '.join(found.formulas) or '(none)'} are within their bounds, by interval arithmetic"
-        f" ({found.boxes} boxes; attained to {found.gap:.2g} of the largest value)"
+        f" ({found.boxes} boxes; {attained})"
     )
     if lost := found.rounding():
         parts.append(f"coefficients rounded to floats, which changes entries by at most {lost:.2g}")
@@ -168,7 +171,12 @@ def _output(made: System, given: Any, n: int) -> np.ndarray:
         return matrix
     if made.h is None:
         raise refuse("lpv_from", "C", "None, with a function f", "a matrix (p, n)", "A function knows no output.")
-    slopes = derivative(dataclasses.replace(made, f=made.h), n)
+    h = made.h
+    slopes = derivative(dataclasses.replace(made, f=h), n)
+    if taken := assumptions(lambda z: h(z[:n], z[n:]), whole((n + len(made.lower),))):
+        given = f"an output that is not smooth; {'; '.join(taken)}"
+        fix = "A sensor that rounds or switches has no slope: give C and count its steps as noise."
+        raise refuse("lpv_from", "C", given, "an output that is linear in x", fix)
     table = np.empty(slopes.outputs.shape)
     for place, e in np.ndenumerate(slopes.outputs):
         if not e.is_constant:

@@ -78,7 +78,7 @@ def describe(value: Any) -> Any:
         return _array(np.asarray(value))
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {field.name: describe(getattr(value, field.name)) for field in dataclasses.fields(value)}
-        return {"class": _name(type(value)), **fields}
+        return {"class": _name(type(value)), **_own_code(type(value)), **fields}
     if isinstance(value, Mapping):
         return {str(key): describe(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -110,6 +110,23 @@ def _array(array: np.ndarray) -> Any:
     digest = hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest()
     ends = {"first": describe(flat[0].item()), "last": describe(flat[-1].item())}
     return {"shape": list(array.shape), "dtype": str(array.dtype), **ends, "sha256": digest}
+
+
+def _own_code(kind: type) -> dict[str, Any]:
+    """Of a class that is not of this package, where a version says what it does: a hash of its functions."""
+    if kind.__module__.partition(".")[0] == "jaxobs":
+        return {}
+    codes = {name: _code(one.__code__) for name, one in sorted(_functions(kind).items())}
+    return {"code": hashlib.sha256(json.dumps(codes).encode()).hexdigest()}
+
+
+def _functions(kind: type) -> dict[str, types.FunctionType]:
+    """The functions and properties that the class has from its own module, by itself or by inheritance."""
+    own = kind.__module__
+    inherited = {name: one for base in reversed(kind.__mro__) if base.__module__ == own for name, one in vars(base).items()}
+    found = {name: getattr(one, "fget", None) or one for name, one in inherited.items()}
+    defined: dict[str, Any] = {name: inspect.unwrap(one) for name, one in found.items() if callable(one)}
+    return {name: one for name, one in defined.items() if isinstance(one, types.FunctionType) and one.__module__ == own}
 
 
 def _name(thing: Any) -> str:

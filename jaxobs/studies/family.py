@@ -117,7 +117,10 @@ def leaf_names(tree: Module) -> list[str]:
 
 
 def _unknown(observer: Module, name: str, known: list[str]) -> ValueError:
-    found = functools.reduce(lambda part, step: getattr(part, step, None), name.split("."), observer)
+    try:
+        found = functools.reduce(part_of, name.split("."), observer)
+    except (AttributeError, IndexError, StopIteration, TypeError):
+        found = None
     if isinstance(found, (int, float, str)):
         fix = "Build one observer for each value, and compare them in a loop."
         return refuse("grid", name, f"{found!r}, which fixes shapes or structure", "one of " + ", ".join(known), fix)
@@ -130,9 +133,11 @@ def _dotted(path: tuple[Any, ...]) -> str:
 
 
 def _leaf(name: str) -> Callable[[Any], Any]:
-    def get(tree: Any) -> Any:
-        for step in name.split("."):
-            tree = tree[int(step)] if step.isdigit() else getattr(tree, step)
-        return tree
+    return lambda tree: functools.reduce(part_of, name.split("."), tree)
 
-    return get
+
+def part_of(tree: Any, step: str) -> Any:
+    """One step of a dotted name: a field, an entry of a tuple or list, a key of a dict."""
+    if isinstance(tree, dict):
+        return next(value for key, value in tree.items() if str(key) == step)
+    return tree[int(step)] if step.isdigit() else getattr(tree, step)

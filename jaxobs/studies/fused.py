@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend import core
 
-from jaxobs.studies.scalar_rules import CALLS, ELEMENTWISE, MOVES, REDUCTIONS
+from jaxobs.scalars.rules import CALLS, ELEMENTWISE, MOVES, REDUCTIONS
 
 LARGE = 2**18  # bytes of one result: XLA splits operations on as many over threads, which no kernel of its own can do
 PLAIN = ELEMENTWISE | MOVES | {*REDUCTIONS, *CALLS, "while", "scan", "iota"}

@@ -20,7 +20,7 @@ from jaxobs.metrics import AbstractMetric
 from jaxobs.studies.adjoints import run_adjoints
 from jaxobs.studies.axes import Group, Members
 from jaxobs.studies.devices import compiler_options, mesh
-from jaxobs.studies.family import Family, leaf_names
+from jaxobs.studies.family import Family, leaf_names, part_of
 from jaxobs.studies.groups import make_groups
 from jaxobs.studies.kernel import LEAST
 from jaxobs.studies.sensitive import Sensitive
@@ -60,7 +60,7 @@ class MeanGradient:
         what = self.of, self.names, self.mode, self.diverged == "drop", self.tile
         mean = _mean if traced else _compiled()
         value, flat, lost = mean(world, self.group.grid, mesh(), self.group.hold_innovation, *what)
-        leaves = [functools.reduce(_attribute, name.split("."), world.observer.observer) for name in self.names]
+        leaves = [functools.reduce(part_of, name.split("."), world.observer.observer) for name in self.names]
         slopes, at = {}, 0
         for name, leaf in zip(self.names, leaves, strict=True):
             slopes[name] = flat[at : at + leaf.size].reshape(leaf.shape)
@@ -162,7 +162,7 @@ def mean_gradient(
     adaptive = isinstance(group[0].world.integrator, Adaptive)
     if adaptive and mode == "forward":
         raise refuse("mean_gradient", "mode", "'forward' with Adaptive", "'reverse'", "diffrax goes back in time only here.")
-    size = sum(functools.reduce(_attribute, name.split("."), family.observer).size for name in names)
+    size = sum(functools.reduce(part_of, name.split("."), family.observer).size for name in names)
     chosen = mode or ("reverse" if adaptive or size > FEW else "forward")
     return MeanGradient(group[0], of, names, wrt is not None, chosen, diverged, tile)
 
@@ -178,10 +178,6 @@ def _names(family: Family, wrt: str | Sequence[str] | None) -> tuple[str, ...]:
         fix = "Name the numbers to differentiate by, e.g. wrt=['gamma']."
         raise refuse("mean_gradient", "wrt", str(list(names)), "one name or more, each once", fix)
     return names
-
-
-def _attribute(part: Any, step: str) -> Any:
-    return part[int(step)] if step.isdigit() else getattr(part, step)
 
 
 def _plain(leaf: Any) -> Any:

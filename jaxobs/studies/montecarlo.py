@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from jaxobs._module import Numbers, refuse, require_integer
-from jaxobs.integrators import AbstractIntegrator
+from jaxobs.integrators import AbstractIntegrator, ProgressMeter
 from jaxobs.metrics import AbstractMetric
 from jaxobs.studies.config import config
 from jaxobs.studies.dataset import Memory, block, frame
@@ -42,7 +42,7 @@ def study(
     chunk: int | None = None,
     budget: int | None = None,
     tile: int = 512,
-    progress: bool | Callable[..., Any] | None = None,
+    progress: bool | Callable[..., Any] | ProgressMeter | None = None,
 ) -> xr.Dataset:
     """Every member under every seed: for all combinations of the axes below, the metrics of one simulated run.
 
@@ -63,7 +63,7 @@ def study(
     this process); the rest is NaN. chunk: the largest number of lanes stored together. budget: the bytes that may be worked on
     at once, a quarter of the free memory by default. tile: lanes advanced together, raised to 16, 32, 64, ... No number
     depends on these four, nor on the number of devices.
-    progress: True for a bar, or a function that is given a `Progress` after each piece of work.
+    progress: True for a bar, a function that is given a `Progress` after each piece of work, or a diffrax progress meter.
 
     Axes of the data set, in this order: "observer" or those of the variants; the leaves of the observers by their names in
     `grid` ("gamma", "model.a"), then those of plant, signal, noise and disturbance ("sigma", or "noise.sigma" where that is

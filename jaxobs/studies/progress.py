@@ -8,7 +8,10 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
+
 from jaxobs._module import refuse
+from jaxobs.integrators import ProgressMeter
 
 
 class Progress(NamedTuple):
@@ -39,17 +42,27 @@ class Meter:
 
 
 def check_progress(progress: Any) -> None:
-    if not (progress is None or isinstance(progress, bool) or callable(progress)):
-        fix = "True shows a bar; a function is called with each Progress."
-        raise refuse("study", "progress", repr(progress), "None, True or a function", fix)
+    if not (progress is None or isinstance(progress, bool | ProgressMeter) or callable(progress)):
+        fix = "True shows a bar; a function is called with each Progress; diffrax's meters are told the share that is done."
+        raise refuse("study", "progress", repr(progress), "None, True, a function or a progress meter", fix)
 
 
 @contextlib.contextmanager
 def reporter(progress: Any) -> Iterator[Callable[[Progress], Any] | None]:
-    """None or False: quiet. True: a bar on the screen. A function: it is given a Progress after each piece of work."""
+    """None or False: quiet. True: a bar on the screen. A function: it is given a Progress after each piece of work. A progress
+    meter of diffrax: it is told the share of the lanes that is done."""
     if progress is True:
         with _bar() as report:
             yield report
+    elif isinstance(progress, ProgressMeter):
+        state = progress.init()
+
+        def tell(now: Progress) -> None:
+            nonlocal state
+            state = progress.step(state, jnp.asarray(now.done / now.total))
+
+        yield tell
+        progress.close(state)
     else:
         yield progress or None
 

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxobs import scalars
 from jaxobs._loop import Grid
-from jaxobs.studies import scalars
 from jaxobs.studies.axes import Members
 from jaxobs.studies.tile import Traced
 

@@ -6,9 +6,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxobs.studies import scalars
-from jaxobs.studies.scalar_rules import is_constant
-from jaxobs.studies.scalars import Equation, Pack, Program, Value, Variable
+from jaxobs import scalars
+from jaxobs.scalars import Equation, Pack, Program, Value, Variable, is_constant
 from jaxobs.studies.sensitive import Sensitive, pick
 from jaxobs.studies.tile import Tile
 

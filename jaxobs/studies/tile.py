@@ -12,13 +12,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxobs import scalars
 from jaxobs._loop import Grid, results
 from jaxobs._motion import Drawn, Motion
 from jaxobs.noise import BLOCK
-from jaxobs.studies import scalars
+from jaxobs.scalars import Entries, Equation, Program, Value, Variable, Whole
 from jaxobs.studies.axes import Members
 from jaxobs.studies.fused import fused
-from jaxobs.studies.scalars import Entries, Equation, Program, Value, Variable, Whole
 
 
 class Lane(NamedTuple):

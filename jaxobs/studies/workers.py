@@ -13,6 +13,7 @@ import jax
 import xarray as xr
 
 from jaxobs._module import refuse, require_integer
+from jaxobs.integrators import ProgressMeter
 from jaxobs.studies.durable import StoreError
 from jaxobs.studies.montecarlo import study
 from jaxobs.studies.progress import Progress, check_progress, reporter
@@ -24,7 +25,7 @@ LATE = 60.0  # s; network file systems show other machines' files so much later
 
 def study_on(
     client: Any, plant: Any, families: Any, *, store: Any, tasks: int = 1000, retries: int = 2,
-    progress: bool | Callable[..., Any] | None = None, **arguments: Any,
+    progress: bool | Callable[..., Any] | ProgressMeter | None = None, **arguments: Any,
 ) -> xr.Dataset:  # fmt: skip
     """`jaxobs.study(plant, families, store=store, ...)` by the workers of `client`, a `distributed.Client`: the same bits.
 

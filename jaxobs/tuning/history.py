@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class History:
-    """Of every start and step, before the step; `jaxobs.report.tuning_figures.history_figure` draws it.
+    """Of every start and step, before the step; `jaxobs.plotting.history` draws it.
 
     loss: the mean over the keys. barrier: the mean of -log of the eigenvalues that have to be positive, NaN where one is not,
     and without a certifier; weight (steps,): its weight. slope: the norm of the gradient of loss and barrier. good: whether the

@@ -29,9 +29,9 @@ from jaxobs.designs._frame import frame
 from jaxobs.designs._proofs import unit_size
 from jaxobs.designs._rates import fastest
 from jaxobs.designs.covers import cover_of
+from jaxobs.designs.error_gain import error_gain
 from jaxobs.designs.polytope import as_tuples
 from jaxobs.tuning.certifiers.base import AbstractCertifier, Start, blocks, minus_log_det
-from jaxobs.tuning.certifiers.gains import error_gain
 from jaxobs.tuning.charts import Lyapunov
 
 MANY = 64  # corners: with more of them multipliers take their place

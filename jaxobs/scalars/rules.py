@@ -39,8 +39,8 @@ CALLS = {  # primitives that only call a function: where they keep it
 _ELEMENTWISE = """
     abs acos acosh add add_any and asin asinh atan atan2 atanh bitcast_convert_type cbrt ceil clamp convert_element_type copy
     copy_p cos cosh digamma div eq erf erf_inv erfc exp exp2 expm1 floor ge gt igamma igammac integer_pow is_finite le lgamma
-    log log1p logistic lt max min mul ne neg nextafter not or pow rem round rsqrt select_n shift_left shift_right_arithmetic
-    shift_right_logical sign sin sinh sqrt square stop_gradient sub tan tanh xor
+    log log1p logistic lt max min mul name ne neg nextafter not or pow rem round rsqrt select_n shift_left
+    shift_right_arithmetic shift_right_logical sign sin sinh sqrt square stop_gradient sub tan tanh xor
 """
 _MOVES = """
     broadcast_in_dim concatenate dynamic_slice dynamic_update_slice expand_dims gather pad reshape rev scatter slice squeeze
@@ -88,7 +88,7 @@ def _bind(equation: Any, cells: list[Any], lanes: int) -> Any:
         return combine(name, *cells)
     if name == "select_n" and is_constant(cells[0]):
         return cells[1 + int(cells[0])]
-    if name in VECTOR:
+    if lanes and name in VECTOR:
         return VECTOR[name](*cells)
     if any(np.ndim(one) for one in cells):
         cells = [one if np.ndim(one) else jnp.broadcast_to(one, (lanes,)) for one in cells]

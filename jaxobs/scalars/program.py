@@ -3,20 +3,20 @@
 JAX batches an array (n,) over lanes as (lanes, n), and shifts, stacks and small products then move memory. Here every entry is
 an array (lanes,) of its own, as a program written by hand in C has it: shifts and transposes cost nothing, small products are
 written out, structural zeros are dropped, and XLA fuses a whole time step into one loop over lanes. What has no rule runs
-through `jax.vmap`, so every function works.
+through `jax.vmap`, so every function works. With lanes = 0 it is one run: its entries are numbers, and no axis is added.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-from jax.extend import core
 
-from jaxobs.studies import scalar_linalg
-from jaxobs.studies.scalar_rules import CALLS, Entries, Rule, rule_of
+from jaxobs.scalars import linalg
+from jaxobs.scalars.flat import Equation, Program, Variable, flatten
+from jaxobs.scalars.rules import Entries, Rule, is_constant, rule_of
 
 WHOLE = 64  # arrays with more entries stay arrays
 ACROSS = ("unvmap_all", "unvmap_any", "unvmap_max")  # equinox's answers for all lanes together, on which its errors depend
@@ -27,90 +27,6 @@ class Whole(NamedTuple):
 
     array: Any
     batched: bool
-
-
-class Equation(NamedTuple):
-    """primitive(inputs) -> outputs with the calls of the jaxpr inlined; inputs are variables or literal arrays."""
-
-    primitive: Any
-    inputs: tuple[Any, ...]
-    outputs: tuple[Any, ...]
-    params: dict[str, Any]
-
-
-class Program(NamedTuple):
-    """A flat function: variables of the inputs and outputs, constants, and equations in order."""
-
-    inputs: tuple[Any, ...]
-    outputs: tuple[Any, ...]
-    constants: dict[Any, Any]
-    equations: tuple[Equation, ...]
-
-
-def trace(function: Callable[..., Any], *arguments: Any) -> tuple[Program, Any]:
-    """The function of arrays as a flat program, traced for arguments of these shapes, and the shapes of its result."""
-    closed, shape = jax.make_jaxpr(function, return_shape=True)(*arguments)
-    return flatten(closed), shape
-
-
-def flatten(closed: Any) -> Program:
-    """Calls are inlined: every variable is then known in one scope, however deeply it was nested."""
-    constants: dict[Any, Any] = {}
-    equations: list[Equation] = []
-
-    def resolve(atom: Any, scope: dict[Any, Any]) -> Any:
-        if not isinstance(atom, core.Literal):
-            return scope[atom]
-        return np.asarray(atom.val, getattr(atom.aval, "dtype"))  # noqa: B009 (an abstract value need not have one)
-
-    def inline(jaxpr: Any, consts: Sequence[Any], inputs: Sequence[Any]) -> list[Any]:
-        scope = dict(zip(jaxpr.invars, inputs, strict=True))
-        for variable, value in zip(jaxpr.constvars, consts, strict=True):
-            fresh = Variable(variable.aval)
-            constants[fresh], scope[variable] = value, fresh
-        for equation in jaxpr.eqns:
-            given = [resolve(atom, scope) for atom in equation.invars]
-            inner = CALLS.get(equation.primitive.name)
-            if inner is not None and (body := equation.params.get(inner)) is not None:
-                consts = getattr(body, "consts", ())
-                results = inline(getattr(body, "jaxpr", body), consts, given)
-            else:
-                results = [Variable(variable.aval) for variable in equation.outvars]
-                equations.append(Equation(equation.primitive, tuple(given), tuple(results), equation.params))
-            scope.update(zip(equation.outvars, results, strict=True))
-        return [resolve(atom, scope) for atom in jaxpr.outvars]
-
-    inputs = [Variable(variable.aval) for variable in closed.jaxpr.invars]
-    outputs = inline(closed.jaxpr, closed.consts, inputs)
-    return Program(tuple(inputs), tuple(outputs), constants, tuple(equations))
-
-
-class Variable:
-    """A name with a shape and a dtype; equal to itself only."""
-
-    __slots__ = ("aval",)
-
-    def __init__(self, aval: Any):
-        self.aval = aval
-
-
-def split(program: Program, known: set[Any]) -> tuple[list[Equation], list[Equation]]:
-    """The equations that the known variables and the constants determine, and those of the rest that the outputs need."""
-    first, rest = [], []
-    known = known | set(program.constants)
-    for equation in program.equations:
-        if all(isinstance(one, np.ndarray) or one in known for one in equation.inputs):
-            known |= set(equation.outputs)
-            first.append(equation)
-        else:
-            rest.append(equation)
-    needed = {one for one in program.outputs if isinstance(one, Variable)}
-    kept = []
-    for equation in reversed(rest):
-        if needed & set(equation.outputs):
-            needed |= {one for one in equation.inputs if isinstance(one, Variable)}
-            kept.append(equation)
-    return first, kept[::-1]
 
 
 Value = Entries | Whole
@@ -158,19 +74,107 @@ def loop(equation: Equation, given: list[Value], lanes: int) -> list[Value] | No
     return [end[var] for var in states]
 
 
-def apply(equation: Equation, given: list[Value], lanes: int) -> list[Value]:
-    """By its rule where all inputs and outputs are small, through vmap otherwise."""
+INDEXED = frozenset(("dynamic_slice", "dynamic_update_slice", "gather", "scatter", "scatter_add", "scatter-add"))
+
+
+def of_one_run(equation: Equation, given: list[Value]) -> list[Value] | None:
+    """What a vmap would turn into something else: choices, loops over arrays, and what depends on nothing."""
     name = equation.primitive.name
+    if not given:
+        with jax.ensure_compile_time_eval():
+            return [literal(np.asarray(equation.primitive.bind(**equation.params)))]
+    if name == "cond":
+        return branch(small(given[0]), [flatten(closed) for closed in equation.params["branches"]], given[1:])
+    if name == "scan":
+        body = flatten(equation.params["jaxpr"])
+        whole = len(given) == equation.params["num_consts"] + equation.params["num_carry"] and not equation.params["reverse"]
+        if not whole or any(one.primitive.name in INDEXED for one in body.equations):
+            return turns(equation, body, [small(one) for one in given])
+    return None
+
+
+def turns(equation: Equation, body: Program, given: list[Value]) -> list[Value] | None:
+    """A scan over arrays, or one that indexes by its count, turn by turn."""
+    params, entries = equation.params, [one for one in given if isinstance(one, Entries)]
+    first = params["num_consts"] + params["num_carry"]
+    if len(entries) != len(given) or params["length"] == 0:
+        return None
+    state, rows = list(given[params["num_consts"] : first]), []
+    order = range(params["length"])
+    for i in reversed(order) if params["reverse"] else order:
+        across: list[Value] = [Entries(_at(one.cells, i), one.dtype) for one in entries[first:]]
+        env = dict(zip(body.inputs, [*given[: params["num_consts"]], *state, *across], strict=True))
+        evaluate(body, body.equations, env, 0)
+        ends = [small(value_of(one, body, env)) for one in body.outputs]
+        state, row = ends[: params["num_carry"]], ends[params["num_carry"] :]
+        rows.append([one for one in row if isinstance(one, Entries)])
+        if len(rows[-1]) != len(row):
+            return None
+    rows = rows[::-1] if params["reverse"] else rows
+    paths: list[Value] = [Entries(np.stack([one.cells for one in path]), path[0].dtype) for path in zip(*rows, strict=True)]
+    return [*state, *paths]
+
+
+def _at(cells: np.ndarray, i: int) -> np.ndarray:
+    return cells.reshape(len(cells), -1)[i].reshape(cells.shape[1:])  # a row of objects, never one object
+
+
+def branch(which: Value, branches: list[Program], rest: list[Value]) -> list[Value] | None:
+    """The results of the branch that is taken, all of them computed unless that is known."""
+    if not isinstance(which, Entries):
+        return None
+    index, last = which.cells[()], len(branches) - 1
+    if is_constant(index):
+        branches = [branches[int(np.clip(index, 0, last))]]
+    ends = []
+    for body in branches:
+        env = dict(zip(body.inputs, rest, strict=True))
+        evaluate(body, body.equations, env, 0)
+        ends.append([small(value_of(one, body, env)) for one in body.outputs])
+    if is_constant(index):
+        return ends[0]
+    if not all(isinstance(one, Entries) for end in ends for one in end):
+        return None
+    index = index if index.dtype == bool else jnp.clip(index, 0, last)
+    chosen = []
+    for values in zip(*ends, strict=True):
+        cells = np.empty(values[0].cells.shape, object)
+        for at in np.ndindex(*cells.shape):
+            cells[at] = _chosen(index, [jnp.asarray(one.cells[at], one.dtype) for one in values])
+        chosen.append(Entries(cells, values[0].dtype))
+    return chosen
+
+
+def _chosen(index: Any, cases: list[Any]) -> Any:
+    """cases[index]: two at a time."""
+    if index.dtype == bool:
+        return jax.lax.select_n(index, *cases)
+    value = cases[-1]
+    for i in range(len(cases) - 2, -1, -1):
+        value = jax.lax.select_n(index == i, value, cases[i])
+    return value
+
+
+def apply(equation: Equation, given: list[Value], lanes: int) -> list[Value]:
+    """By its rule where it has one, through vmap otherwise."""
+    result = by_rule(equation, given, lanes)
+    return [small(one) for one in through_vmap(equation, given, lanes)] if result is None else result
+
+
+def by_rule(equation: Equation, given: list[Value], lanes: int) -> list[Value] | None:
+    """None where an input or output is large, or the primitive has no rule."""
+    name = equation.primitive.name
+    if not lanes and (ended := of_one_run(equation, given)) is not None:
+        return ended
     if name == "scan" and (ended := loop(equation, [small(one) for one in given], lanes)) is not None:
         return ended
-    rule: Rule | None = rule_of(name) or scalar_linalg.RULES.get(name)
+    rule: Rule | None = rule_of(name) or linalg.RULES.get(name)
     if rule is not None and all(var.aval.size <= WHOLE for var in equation.outputs):
         entries = [one for one in map(small, given) if isinstance(one, Entries)]
         with np.errstate(all="ignore"):  # constants that overflow are data
             result = rule(equation, entries, lanes) if len(entries) == len(given) else None
-        if result is not None:
-            return list(result)
-    return [small(one) for one in through_vmap(equation, given, lanes)]
+        return None if result is None else list(result)
+    return None
 
 
 def through_vmap(equation: Equation, given: list[Value], lanes: int) -> list[Whole]:

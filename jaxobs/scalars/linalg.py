@@ -6,7 +6,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxobs.studies.scalar_rules import Entries, combine, is_constant
+from jaxobs.scalars.rules import Entries, combine, is_constant
 
 LARGEST = 6  # the number of operations grows with the cube of the size
 
@@ -53,10 +53,53 @@ def triangular_solve(equation: Any, given: list[Entries], lanes: int) -> list[En
     return [Entries(x if params["left_side"] else x.T, given[1].dtype)]
 
 
+def qr(equation: Any, given: list[Entries], lanes: int) -> list[Entries] | None:
+    """Q and R of a tall A by reflections, of one run (lanes keep LAPACK's): for each column x below the diagonal, alpha = x_1,
+
+    beta = -sign(alpha) |x|,    v = x - beta e_1,    every column c becomes c - v (v'c) / (beta (beta - alpha)).
+    """
+    (entries,) = given
+    params, (rows, columns) = equation.params, entries.cells.shape[-2:]
+    if lanes or entries.cells.ndim != 2 or columns > LARGEST or rows < columns:
+        return None
+    if params.get("full_matrices") or params.get("pivoting") or jnp.issubdtype(entries.dtype, jnp.complexfloating):
+        return None
+    zero, one = np.zeros((), entries.dtype)[()], np.ones((), entries.dtype)[()]
+    r, turns = entries.cells.copy(), []
+    for j in range(columns):
+        alpha, below = r[j, j], [r[i, j] for i in range(j + 1, rows)]
+        if all(is_constant(x) and x == 0 for x in below):
+            continue
+        size = jnp.sqrt(reduce(lambda a, b: combine("add", a, b), [combine("mul", x, x) for x in (alpha, *below)]))
+        beta = jnp.where(alpha > 0, -size, size)
+        scale = beta * (beta - alpha)
+        turn = (j, [alpha - beta, *below], jnp.where(scale > 0, 1 / jnp.where(scale > 0, scale, one), zero))
+        turns.append(turn)
+        for column in range(j + 1, columns):
+            _reflect(r[:, column], turn)
+        r[j, j], r[j + 1 :, j] = beta, zero
+    q = np.full((rows, columns), zero, object)
+    for j in range(columns):
+        q[j, j] = one
+    for turn in reversed(turns):
+        for column in range(columns):
+            _reflect(q[:, column], turn)
+    return [Entries(q, entries.dtype), Entries(r[:columns], entries.dtype)]
+
+
+def _reflect(column: np.ndarray, turn: tuple[int, list[Any], Any]) -> None:
+    """column - v (v' column) factor, in place, from entry j on."""
+    j, v, factor = turn
+    along = reduce(lambda a, b: combine("add", a, b), [combine("mul", x, y) for x, y in zip(v, column[j:], strict=True)])
+    along = combine("mul", along, factor)
+    for i, x in enumerate(v):
+        column[j + i] = combine("sub", column[j + i], combine("mul", along, x))
+
+
 def _less(value: Any, left: np.ndarray, right: np.ndarray) -> Any:
     """value - sum_k left_k right_k."""
     products = [combine("mul", x, y) for x, y in zip(left, right, strict=True)]
     return reduce(lambda total, term: combine("sub", total, term), products, value)
 
 
-RULES = {"cholesky": cholesky, "triangular_solve": triangular_solve}
+RULES = {"cholesky": cholesky, "qr": qr, "triangular_solve": triangular_solve}
