@@ -3,18 +3,20 @@
 import json
 import math
 import sys
-import tomllib
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
 
+from jaxobs.cli import screen
+
 
 def certify(
     config: Annotated[Path, tyro.conf.Positional],
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("certificate.json"),
+    plant: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE.py:NAME")] = None,
+    changes: Annotated[tuple[str, ...], tyro.conf.arg(name="set", metavar="KEY=VALUE"), tyro.conf.UseAppendAction] = (),
     as_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> int:
     """Designs an observer and writes the proof. Exit code 0 if it is proved, 1 if not, 2 if the config is wrong.
@@ -22,22 +24,25 @@ def certify(
     Args:
         config: a TOML file: [plant] or [model], [bounds], [design]; or the name of an example of the package.
         out: the certificate, a jaxobs-cert/1 file.
+        plant: in the place of [plant], without its parameters.
+        changes: a key of the config with another value, --set design.rate=2.0; may be given several times.
         as_json: print the result as JSON on standard output.
     """
     import jax
 
     jax.config.update("jax_enable_x64", True)
+    from jaxobs.cli.examples import parse
+    from jaxobs.cli.override import override, replace_plant
     from jaxobs.cli.verify import judged, show
     from jaxobs.designs import Infeasible
 
     try:
-        certificate = design(parse(config))
+        certificate = design(override(replace_plant(parse(config, "certify"), plant), changes))
         certificate.to_json(out)
     except Infeasible as error:
         return _unproved(error, out, as_json=as_json)
     except (OSError, ValueError) as error:
-        Console(stderr=True).print(f"{config}: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
-        return 2
+        return screen.complain(f"{config}: {error}")
     result = judged(out)
     if as_json:
         print(json.dumps(result, indent=2))
@@ -47,41 +52,17 @@ def certify(
     return 0 if result["holds"] else 1
 
 
-def examples(*, study: bool = False, tune: bool = False) -> dict[str, str]:
-    """The configs that the package brings, for this command, for `jaxobs study` or for `jaxobs tune`: name and text."""
-    folder = resources.files("jaxobs") / "configs"
-    found = [one for one in folder.iterdir() if one.name.endswith(".toml") and _kind(one.name) == (study, tune)]
-    return {one.name.removesuffix(".toml"): one.read_text(encoding="utf-8") for one in sorted(found, key=lambda one: one.name)}
-
-
-def _kind(name: str) -> tuple[bool, bool]:
-    return name.startswith("study_"), name.startswith("tune_")
-
-
-def parse(config: Path, *, study: bool = False, tune: bool = False) -> dict[str, Any]:
-    """The tables of the file, or of the example of that name. ValueError if it is no TOML, or there is none."""
-    known = examples(study=study, tune=tune)
-    try:
-        text = known[str(config)] if str(config) in known and not config.exists() else config.read_text(encoding="utf-8")
-    except FileNotFoundError as error:
-        raise ValueError(f"no such file; expected a TOML file or one of the examples {', '.join(known)}") from error
-    return tomllib.loads(text)
-
-
 def design(tables: dict[str, Any]) -> Any:
     """The certificate that the config asks for. ValueError naming the key, or Infeasible."""
     from jaxobs.cli.methods import method_from
-    from jaxobs.cli.reading import read, unknown
-    from jaxobs.cli.subject import Bounds, Model, Subject, plant_from
+    from jaxobs.cli.reading import unknown
+    from jaxobs.cli.subject import subject_from
 
     for name in tables:
         if name not in ("plant", "bounds", "model", "design"):
             raise unknown(name, name, ["plant", "bounds", "model", "design"])
     method = method_from(tables.get("design"))
-    plant = plant_from(tables["plant"]) if "plant" in tables else None
-    bounds = read(Bounds, tables["bounds"], "bounds") if "bounds" in tables else None
-    model = read(Model, tables["model"], "model") if "model" in tables else None
-    subject = Subject(plant, bounds, model)
+    subject = subject_from(tables)
     return subject.finished(method.certificate(subject))
 
 

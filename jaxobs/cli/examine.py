@@ -8,8 +8,8 @@ from rich.console import Console
 
 from jaxobs import designs
 from jaxobs.certificates import AbstractCertificate
-from jaxobs.cli.reading import Matrix, options
-from jaxobs.cli.subject import Subject
+from jaxobs.cli.reading import Matrix, options, read, unknown
+from jaxobs.cli.subject import Subject, subject_from
 from jaxobs.designs import Infeasible
 
 
@@ -82,6 +82,27 @@ class Undetectable:
         point = designs.undetectable(subject.polytope(), rate=self.rate, step=subject.step)
         absent = None if point is None else point.certificate
         return found(absent, "of an undetectable mode", "Ask for a higher rate, or search for a gain: `synthesize`.")
+
+
+@dataclasses.dataclass(frozen=True)
+class Audited:
+    """[audit]: a gain, and the rate [1/s], or the factor a step, that it is to prove."""
+
+    gain: Matrix
+    rate: float | None = None
+
+
+def audited(tables: dict[str, Any]) -> tuple[Subject, designs.Audit]:
+    """The audit that a config asks for. ValueError names the key."""
+    design = tables.get("design")
+    if "audit" not in tables and isinstance(design, dict) and "gain" in design:
+        tables = tables | {"audit": {name: design[name] for name in ("gain", "rate") if name in design}}
+    for name in tables:
+        if name not in ("plant", "bounds", "model", "design", "audit"):
+            raise unknown(name, name, ["plant", "bounds", "model", "audit"])
+    asked = read(Audited, tables.get("audit", {}), "audit")
+    subject = subject_from(tables)
+    return subject, designs.audit(subject.polytope(), np.array(asked.gain), rate=asked.rate, step=subject.step)
 
 
 METHODS: dict[str, Any] = {

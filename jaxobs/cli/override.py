@@ -26,6 +26,11 @@ def override(tables: dict[str, Any], settings: tuple[str, ...]) -> dict[str, Any
     return tables
 
 
+def replace_plant(tables: dict[str, Any], plant: str | None) -> dict[str, Any]:
+    """The tables with another plant, by its name or as FILE.py:NAME, and none of the parameters of the one before."""
+    return tables if plant is None else tables | {"plant": {"name": plant}}
+
+
 def _value(key: str, text: str) -> Any:
     try:
         return tomllib.loads(f"value = {text}")["value"]

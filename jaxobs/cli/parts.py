@@ -9,61 +9,17 @@ import inspect
 import re
 import typing
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Literal
-
-import numpy as np
+from typing import Any
 
 from jaxobs import hurwitz, integrators, metrics, noise, observers, plants, signals
 from jaxobs._module import Module, astype, refuse
-from jaxobs.cli.reading import Vector, read, unknown, words
+from jaxobs.cli import own
+from jaxobs.cli.ranges import Counts, Range, Several
+from jaxobs.cli.reading import read, unknown, words
 from jaxobs.studies import grid
 
 MODULES = (plants, observers, signals, noise, integrators, metrics)
 DEPTHS = ("a number", "a list of numbers", "a list of rows of numbers, all of one length")
-
-
-@dataclasses.dataclass(frozen=True)
-class Several:
-    """The values of one number along an axis, and the one that a model has which is made like the plant."""
-
-    where: str
-    values: list[Any]
-    nominal: float | None = None
-
-
-@dataclasses.dataclass(frozen=True)
-class Counts:
-    """Whole numbers that fix shapes: one build for each."""
-
-    where: str
-    values: list[int]
-
-
-@dataclasses.dataclass(frozen=True)
-class Range:
-    """gamma = { first = 1.0, last = 10.0, count = 5, spacing = "log" }, or { values = [1.0, 2.0], nominal = 1.0 }."""
-
-    values: Vector | None = None
-    first: float | None = None
-    last: float | None = None
-    count: int | None = None
-    spacing: Literal["linear", "log"] = "linear"
-    nominal: float | None = None
-
-    def several(self, where: str) -> Several:
-        if self.values is not None:
-            return Several(where, list(self.values), self.nominal)
-        for name in ("first", "last", "count"):
-            if getattr(self, name) is None:
-                fix = f"Write {where} = {{ first = 1.0, last = 10.0, count = 5 }} or {{ values = [1.0, 2.0] }}."
-                raise refuse("config", f"{where}.{name}", "nothing", "a number", fix)
-        first, last, count = typing.cast("tuple[float, float, int]", (self.first, self.last, self.count))
-        if count < 1:
-            raise refuse("config", f"{where}.count", count, "a whole number >= 1", "It counts the values of the axis.")
-        if self.spacing == "log" and not first * last > 0:
-            raise refuse("config", f"{where}.spacing", "'log'", "first and last of one sign", 'Or spacing = "linear".')
-        space = np.geomspace if self.spacing == "log" else np.linspace
-        return Several(where, space(first, last, count).tolist(), self.nominal)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,7 +74,7 @@ class Part:
         if isinstance(value, Part):
             return value.build(point, given)
         if isinstance(value, tuple):
-            return tuple(part.build(point, given) for part in value)
+            return tuple(part.build(point, given) if isinstance(part, Part) else part for part in value)
         if isinstance(value, Counts):
             return point[value.where.rpartition(".")[2]]
         return value.values[0] if isinstance(value, Several) else value
@@ -159,9 +115,7 @@ class Reader:
             raise refuse("config", f"{where}.{self.key}", repr(table), f"the name of {what}", f"One of {', '.join(known)}.")
         if "period" in table and plants.Discretised in known.values():
             return self._euler(table, where)
-        if table[self.key] not in known:
-            raise unknown(f"{where}.{self.key}", table[self.key], list(known))
-        kind = known[table[self.key]]
+        kind, made = chosen(base, table[self.key], f"{where}.{self.key}")
         fields = {field.name: field for field in dataclasses.fields(kind)}
         more = ["period"] if issubclass(kind, plants.AbstractFlowPlant) else []
         given = {name: value for name, value in table.items() if name != self.key}
@@ -171,10 +125,12 @@ class Reader:
         if "model" in fields and self.model is not None:
             given["model"] = self.model(f"{where}.model", given.get("model", {}))
         for name, field in fields.items():
-            if name not in given and name not in self.given and _required(field):
+            if name not in given and name not in made and name not in self.given and _required(field):
                 expected = self._words(field.type)
                 raise refuse("config", f"{where}.{name}", "nothing", expected, f"{kind.__name__} has no default for it.")
-        return Part(kind, where, {name: self._field(fields[name], one, f"{where}.{name}") for name, one in given.items()})
+        return Part(
+            kind, where, made | {name: self._field(fields[name], one, f"{where}.{name}") for name, one in given.items()}
+        )
 
     def _euler(self, table: dict[str, Any], where: str) -> Part:
         """period = 0.1 makes the Euler model with that step of the plant."""
@@ -247,6 +203,21 @@ def catalogue(base: Any) -> dict[str, type]:
     return {name: one for name, one in every.items() if issubclass(one, kinds) and not name.startswith("Abstract")}
 
 
+def chosen(base: Any, name: str, where: str) -> tuple[type, dict[str, Any]]:
+    """The class of this name that is a `base`; of an object in a file of the user's own, its class and its fields."""
+    known = catalogue(base)
+    if not own.is_own(name):
+        if name not in known:
+            raise unknown(where, name, [*known, *(["FILE.py:NAME"] if plants.Pendulum in known.values() else [])])
+        return known[name], {}
+    found = own.load(name, where)
+    kind = found if isinstance(found, type) else type(found)
+    if not issubclass(kind, _kinds(base)):
+        words = " or ".join(one.__name__ for one in _kinds(base))
+        raise refuse("config", where, repr(name), f"a plant of the kind {words}", f"It is a {kind.__name__}.")
+    return kind, {} if found is kind else {field.name: getattr(found, field.name) for field in dataclasses.fields(kind)}
+
+
 def _kinds(kind: Any) -> tuple[Any, ...]:
     """The types of a union, without None."""
     return tuple(one for one in (typing.get_args(kind) if _union(kind) else (kind,)) if one is not type(None))
@@ -259,7 +230,7 @@ def _union(kind: Any) -> bool:
 def _parts(value: Any) -> list[tuple[str, Part]]:
     if isinstance(value, Part):
         return [("", value)]
-    return [(f".{i}", part) for i, part in enumerate(value)] if isinstance(value, tuple) else []
+    return [(f".{i}", one) for i, one in enumerate(value) if isinstance(one, Part)] if isinstance(value, tuple) else []
 
 
 def _required(field: Any) -> bool:

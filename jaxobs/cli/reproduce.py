@@ -6,8 +6,6 @@ from typing import Annotated, Any, Literal
 
 import tyro
 from rich.console import Console
-from rich.markup import escape
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -35,21 +33,14 @@ def reproduce(
     from jaxobs.report import papers_figures, papers_text
 
     console, rows = screen.console(stderr=as_json), []
-    with Progress(
-        SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=Console(stderr=True), transient=True
-    ) as progress:
-        task = progress.add_task("starting", total=None)
-
-        def show(what: str) -> None:
-            progress.update(task, description=escape(what))
-
+    with screen.waiting("starting") as show:
         for number in papers.PAPERS if paper is None else (paper,):
             found = list(papers.reproduce(number, short=short, progress=show))
             rows += found
             if not as_json:
                 _print_paper(console, papers.load(number), found)
             if figures is not None:
-                progress.update(task, description=f"figures of {number}")
+                show(f"figures of {number}")
                 for path, caption in papers_figures.draw_all(papers.pictures(number), figures):
                     console.print(f"Figure: {path}: {caption}", highlight=False, markup=False)
     if as_json:

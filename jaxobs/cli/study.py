@@ -25,8 +25,10 @@ def study(
     part: str | None = None,
     seeds: int | None = None,
     precision: Literal["float64", "float32"] | None = None,
+    plant: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE.py:NAME")] = None,
     changes: Annotated[tuple[str, ...], tyro.conf.arg(name="set", metavar="KEY=VALUE"), tyro.conf.UseAppendAction] = (),
     rows: int = 40,
+    report: Path | None = None,
     as_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
     devices: int | None = None,
     chunk: int | None = None,
@@ -44,31 +46,35 @@ def study(
         part: I/N computes share I of N (0/N to N-1/N) into the common store: one job of an array.
         seeds: in the place of run.seeds.
         precision: float64 or float32, in the place of run.precision.
+        plant: in the place of [plant], without its parameters.
         changes: a key of the config with another value, --set observer.gamma=[2.0,4.0]; may be given several times.
         rows: the most rows of the table; 40 fit on a screen.
+        report: a page with curves and heat maps of every metric (HTML, one file, no network needed); none if not given.
         as_json: print the table as JSON on standard output instead.
         devices: CPU devices, one for each core if not given.
         chunk: the largest number of lanes stored together; found by itself if not given.
         no_cache: compile everything anew, and keep nothing of it.
     """
-    from jaxobs.cli.certify import parse
-    from jaxobs.cli.override import override
+    from jaxobs.cli.examples import parse
+    from jaxobs.cli.override import override, replace_plant
     from jaxobs.cli.study_config import study_config
 
     settings = {"run.seeds": seeds, "run.precision": precision}
     settings = tuple(f"{key}={value}" for key, value in settings.items() if value is not None)
     try:
         share = _share(part, store)
-        asked = study_config(override(parse(config, study=True), (*changes, *settings)))
+        asked = study_config(override(replace_plant(parse(config, "study"), plant), (*changes, *settings)))
         for name, value in (("--rows", rows), ("--devices", devices), ("--chunk", chunk)):
             if value is not None and value < 1:
                 raise ValueError(f"{name}: given {value}; expected a whole number >= 1.")
         set_up(devices, cache=not no_cache, fuse="Adaptive" not in str(asked))  # wherever it may stand
         with _warnings():
-            plant, families, arguments = asked.study()
+            true, families, arguments = asked.study()
     except (OSError, ValueError) as error:
         return _complain(f"{config}: {error}", 2)
-    return _Job(config, store, as_json, rows).run(plant, families, arguments | {"store": store, "part": share, "chunk": chunk})
+    return _Job(config, store, as_json, rows, report).run(
+        true, families, arguments | {"store": store, "part": share, "chunk": chunk}
+    )
 
 
 def set_up(devices: int | None, *, cache: bool, fuse: bool) -> None:
@@ -86,8 +92,8 @@ def set_up(devices: int | None, *, cache: bool, fuse: bool) -> None:
 class _Job:
     """One study: progress on the way, the table at the end."""
 
-    def __init__(self, config: Path, store: Path | None, as_json: bool, rows: int):
-        self.config, self.store, self.as_json, self.rows = config, store, as_json, rows
+    def __init__(self, config: Path, store: Path | None, as_json: bool, rows: int, page: Path | None):
+        self.config, self.store, self.as_json, self.rows, self.page = config, store, as_json, rows, page
         self.last: Any = None
         self.begun = time.perf_counter()
 
@@ -109,7 +115,7 @@ class _Job:
             note = "" if self.store is None or self.last is None else " What was finished is in the store."
             return _complain(f"{self.config}: {named(str(error))}{note}", 2 if self.last is None else 1)
         self.tell(ds, len(arguments["ts"]))
-        return 0
+        return self.write_page(ds)
 
     def stopped(self, stop: KeyboardInterrupt, steps: int) -> int:
         """What is finished is kept in the store, or else shown."""
@@ -122,6 +128,19 @@ class _Job:
         else:
             _say(f"To go on where it stopped: jaxobs {shlex.join(sys.argv[1:])}")
         return 130
+
+    def write_page(self, ds: Any) -> int:
+        """The report, where one is asked for."""
+        if self.page is None:
+            return 0
+        from jaxobs import report
+
+        try:
+            report.write(self.page, {str(self.config): ds}, title=f"Study {self.config}")
+        except OSError as error:
+            return _complain(f"{self.page}: {error}", 1)
+        _say(f"Report: {self.page}")
+        return 0
 
     def tell(self, ds: Any, steps: int) -> None:
         import jax

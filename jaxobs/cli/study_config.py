@@ -9,7 +9,8 @@ import numpy as np
 
 from jaxobs import integrators, metrics, noise, observers, plants, signals
 from jaxobs._module import refuse
-from jaxobs.cli.parts import Counts, Part, Reader, Several
+from jaxobs.cli.parts import Part, Reader
+from jaxobs.cli.ranges import Counts, Several
 from jaxobs.cli.reading import read, unknown
 
 SECTIONS = ("plant", "observer", "observers", "signal", "noise", "disturbance", "time", "start", "metrics", "run")

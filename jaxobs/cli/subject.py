@@ -10,10 +10,11 @@ from jaxobs import plants
 from jaxobs._module import refuse
 from jaxobs.certificates.bounds import with_bounds
 from jaxobs.cli.parts import Reader
-from jaxobs.cli.reading import Integers, Matrix, Vector
+from jaxobs.cli.reading import Integers, Matrix, Vector, read
 from jaxobs.designs import Channels, NormBounded, lpv_model, midpoint_channels, slope_entries
 from jaxobs.designs.lpv_from import Lpv, lpv_from
 from jaxobs.designs.polytope import Polytope
+from jaxobs.plants._depends import require_timeless
 
 
 def plant_from(table: Any) -> Any:
@@ -74,6 +75,7 @@ class Bounds:
         low = [*self._row("lower"), *self.inputs_lower, *[-np.inf] * count]
         high = [*self._row("upper"), *self.inputs_upper, *[np.inf] * count]
         zero = np.zeros(())
+        require_timeless("config", plant)
         if plant.m:
             return with_bounds(certificate, lambda x, u: plant.flow(zero, x, u), low, high, relax=self.relax)
         return with_bounds(certificate, lambda x: plant.flow(zero, x, np.zeros(0)), low, high, relax=self.relax)
@@ -155,3 +157,10 @@ class Subject:
         plant = self.require_plant()
         flow = plant.plant if isinstance(plant, plants.Discretised) else plant
         return lpv_model(plant, self.require_bounds().channels(flow))
+
+
+def subject_from(tables: dict[str, Any]) -> Subject:
+    """[plant] and [bounds], or [model]. ValueError names the key."""
+    plant = plant_from(tables["plant"]) if "plant" in tables else None
+    bounds = read(Bounds, tables["bounds"], "bounds") if "bounds" in tables else None
+    return Subject(plant, bounds, read(Model, tables["model"], "model") if "model" in tables else None)

@@ -19,6 +19,7 @@ def tune(
     out: Path = Path("tuned"),
     as_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
     quick: bool = False,
+    plant: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE.py:NAME")] = None,
     changes: Annotated[tuple[str, ...], tyro.conf.arg(name="set", metavar="KEY=VALUE"), tyro.conf.UseAppendAction] = (),
     no_cache: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> int:
@@ -34,23 +35,24 @@ def tune(
         out: folder of the certificates, pictures and numbers (tune.json), made if missing.
         as_json: print the numbers as JSON on standard output instead of the tables.
         quick: a tenth of the steps and of the seeds, for a first look.
+        plant: in the place of [plant], without its parameters.
         changes: a key of the configs with another value, --set search.steps=100; may be given several times.
         no_cache: compile everything anew, and keep nothing of it.
     """
-    from jaxobs.cli.certify import examples, parse
-    from jaxobs.cli.override import override
+    from jaxobs.cli.examples import examples, parse
+    from jaxobs.cli.override import override, replace_plant
     from jaxobs.cli.tune_config import tune_config
 
     begun, asked, at = time.perf_counter(), [], ""
     try:
-        names = [Path(name) for name in examples(tune=True)] if every else list(configs)
+        names = [Path(name) for name in examples("tune")] if every else list(configs)
         if not names:
-            raise ValueError(
-                f"tune: given no config; expected a TOML file, or one of {', '.join(examples(tune=True))}, or --all"
-            )
+            raise ValueError(f"tune: given no config; expected a TOML file, or one of {', '.join(examples('tune'))}, or --all")
         for name in names:
             at = f"{name}: "
-            asked += [(name, one) for one in tune_config(override(parse(name, tune=True), changes), quick=quick)]
+            asked += [
+                (name, one) for one in tune_config(override(replace_plant(parse(name, "tune"), plant), changes), quick=quick)
+            ]
         set_up(cache=not no_cache)
         from jaxobs.cli.tune_case import job
 

@@ -134,7 +134,7 @@ class _Behind:
     """(eps, x)' of q integrators of y ahead of a plant: the vector field whose Jacobian is `Polytope.behind(q)`."""
 
     def __init__(self, plant: Any, q: int):
-        self.plant, self.q, self.m = plant, q, plant.m
+        self.plant, self.q, self.n, self.m = plant, q, plant.n + q, plant.m
 
     def flow(self, t, z, u):
         x = z[self.q :]

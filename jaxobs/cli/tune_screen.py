@@ -13,10 +13,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from jaxobs import plotting
 from jaxobs.cli.tune_case import Job
 from jaxobs.cli.tune_floor import WORDS
 from jaxobs.cli.tune_free import attribute
-from jaxobs.report.tuning_figures import comparison_figure, history_figure
 from jaxobs.tuning.case import Outcome
 from jaxobs.tuning.tuned import change as relative
 
@@ -69,7 +69,7 @@ def write(job: Job, outcome: Outcome, out: Path, notes: Sequence[str]) -> Result
             words.append(f"{name}: the proof of the bounds does not travel: {error}")
         files[name] = str(path)
     picture = out / f"{stem}.history.png"
-    history_figure(outcome.tuned, title=job.case.name).savefig(picture)
+    plotting.history(outcome.tuned, title=job.case.name).savefig(picture)
     return Result(job, outcome, files | {"history": str(picture)}, tuple(words))
 
 
@@ -119,7 +119,7 @@ def pictures(results: Sequence[Result], out: Path) -> str:
     """The picture of all cases."""
     path = out / "comparison.png"
     shown = [(result.job.case.name, *result.rows) for result in results]
-    comparison_figure(shown).savefig(path)
+    plotting.comparison(shown).savefig(path)
     return str(path)
 
 

@@ -12,15 +12,20 @@ HOLDS = "holds for the stored model and bounds"
 
 def verify(
     files: Annotated[tuple[Path, ...], tyro.conf.Positional],
+    against: Path | None = None,
     as_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> int:
     """Re-checks certificates in exact arithmetic. Exit code 0 if all hold, 1 if one does not, 2 if one is none.
 
     Args:
         files: jaxobs-cert/1 files, written by Certificate.to_json or by `jaxobs certify`.
+        against: a C file written by `jaxobs export`: it has to be unchanged, to name this certificate, and to have the gain
+            that is certified, digit by digit.
         as_json: print a JSON list on standard output instead.
     """
     results = [judged(path) for path in files]
+    if against is not None:
+        results = [compared(result, against) for result in results]
     if as_json:
         print(json.dumps(results, indent=2))
     else:
@@ -45,6 +50,22 @@ def judged(path: Path) -> dict[str, Any]:
     result |= {"margins": verdict.margins} | _bounds(path)
     result["holds"] = bool(verdict) and result.get("bounds_hold", True)
     return result | {"verdict": HOLDS if result["holds"] else "not certified"}
+
+
+def compared(result: dict[str, Any], code: Path) -> dict[str, Any]:
+    """The result, with whether the C file has what is certified."""
+    from jaxobs.certificates import load
+    from jaxobs.export import differences, read_c
+
+    if "error" in result:
+        return result
+    path = Path(result["file"])
+    try:
+        found = differences(read_c(code), load(path), json.loads(path.read_text(encoding="utf-8"))["sha256"])
+    except (OSError, ValueError) as error:
+        return result | {"holds": False, "error": str(error)}
+    told = f"{code} has the certified gain" if not found else f"{code} is not what is certified: {'; '.join(found)}"
+    return result | {"against": told, "against_holds": not found, "holds": result["holds"] and not found}
 
 
 def _bounds(path: Path) -> dict[str, Any]:
@@ -73,6 +94,8 @@ def show(result: dict[str, Any]) -> None:
     for assumption in result["assumptions"]:
         line("assumes:", assumption)
     line("verdict:", result["why"], "green" if result["why"].startswith(HOLDS) else "red")
+    if "against" in result:
+        line("code:", result["against"], "green" if result["against_holds"] else "red")
     if "bounds" in result:
         line("bounds:", result["bounds"], None if result["bounds_hold"] else "red")
         for formula in result["formulas"]:

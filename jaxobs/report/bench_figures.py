@@ -10,7 +10,7 @@ from jaxobs.bench.frontier import Curve, Point
 from jaxobs.bench.growth import COVERS
 from jaxobs.bench.rows import GainRow
 from jaxobs.bench.run import SynthesisBench
-from jaxobs.report.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, canvas
+from jaxobs.plotting.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, canvas
 
 COLOUR = {2: PURPLE, 3: GREEN, 4: ORANGE, 5: BLUE}
 

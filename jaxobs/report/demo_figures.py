@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxobs.demo.pendulum import Pendulum000
 from jaxobs.demo.walk import LAST, Row, WalkStudy
-from jaxobs.report.style import BLUE, GREEN, GREY, INK, ORANGE, canvas
+from jaxobs.plotting.style import BLUE, GREEN, GREY, INK, ORANGE, canvas
 
 WINDOW = 480  # samples of the last quarter that are drawn: four seconds
 

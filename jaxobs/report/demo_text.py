@@ -7,9 +7,9 @@ import numpy as np
 
 from jaxobs.demo.pendulum import PERIOD, SIGMA, Pendulum000
 from jaxobs.demo.walk import WalkStudy, paired_change
+from jaxobs.report.page import Table
 
 QZERO = ((2, "fading memory n = 2 (tracker q = 0)"), (3, "fading memory n = 3 (tracker q = 0)"), (4, "tracker n = 4, q = 0"))
-Table = tuple[list[str], list[list[str]]]
 
 
 def walk_table(study: WalkStudy) -> Table:

@@ -4,10 +4,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from jaxobs.papers import Panel, Picture
-from jaxobs.report.style import GREY, canvas
+from jaxobs.plotting.style import GREY, canvas, log_ticks
 
 PANEL_WIDTH, HEIGHT = 5.0, 3.8  # inches
 CROWDED = 7  # lines beyond which the legend stands beside the axes
@@ -45,16 +44,7 @@ def _panel(ax, panel: Panel) -> None:
         ax.set_ylim(*panel.ylim)
     for axis, scale in ((ax.xaxis, panel.xscale), (ax.yaxis, panel.yscale)):
         if scale == "log":
-            _log_ticks(axis)
+            log_ticks(axis)
     if any(line.label for line in panel.lines):
         outside = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)} if len(panel.lines) > CROWDED else {}
         ax.legend(fontsize=8, **outside)
-
-
-def _log_ticks(axis) -> None:
-    """Over less than two decades 1, 2, 5 in plain numbers; else powers of ten."""
-    low, high = axis.get_view_interval()
-    axis.set_minor_formatter(NullFormatter())
-    if high < 100 * low:
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
