@@ -32,15 +32,15 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
+import jax.numpy as jnp
+import numpy as np
 
-import jaxobs  # noqa: E402
-from jaxobs import designs, plants  # noqa: E402
-from jaxobs.certificates.bounds import with_bounds  # noqa: E402
-from jaxobs.designs import corner_lmi  # noqa: E402
-from jaxobs.designs.lpv_from import lpv_from  # noqa: E402
-from jaxobs.designs.polytope import Polytope  # noqa: E402
+import jaxobs
+from jaxobs import designs, plants
+from jaxobs.certificates.bounds import with_bounds
+from jaxobs.designs import corner_lmi
+from jaxobs.designs.lpv_from import lpv_from
+from jaxobs.designs.polytope import Polytope
 
 HERE = Path(__file__).parent if "__file__" in globals() else Path()
 FOLDER = Path(os.environ.get("JAXOBS_CERTIFICATES", HERE / "certificates"))

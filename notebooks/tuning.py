@@ -21,16 +21,14 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import numpy as np  # noqa: E402
+import numpy as np
 
-import jaxobs  # noqa: E402
-from jaxobs import noise, signals  # noqa: E402
-from jaxobs.designs import corner_lmi, lpv_model, slope_entries  # noqa: E402
-from jaxobs.observers import HighGain, IntegralHighGain  # noqa: E402
-from jaxobs.plants import Pendulum  # noqa: E402
-from jaxobs.report.front_figure import front_figure  # noqa: E402
-from jaxobs.report.tuning_figures import history_figure  # noqa: E402
-from jaxobs.tuning import ByCondition5, LogQ, Quadratic, compare, objectives, pareto  # noqa: E402
+import jaxobs
+from jaxobs import noise, plotting, signals
+from jaxobs.designs import corner_lmi, lpv_model, slope_entries
+from jaxobs.observers import HighGain, IntegralHighGain
+from jaxobs.plants import Pendulum
+from jaxobs.tuning import ByCondition5, LogQ, Quadratic, compare, objectives, pareto
 
 plant, chart = Pendulum(), LogQ()
 
@@ -66,7 +64,7 @@ print(tuned)
 print("alphas:", np.asarray(tuned.observer.alphas))
 verdict = tuned.certificate.verify()
 assert verdict, verdict.why
-history = history_figure(tuned, title="pendulum, q = 0")
+history = plotting.history(tuned, title="pendulum, q = 0")
 
 # %% [markdown]
 # ## One integrator, at the same rate
@@ -126,4 +124,4 @@ peak = objectives.Peak(plant, points=[[0.0, 0.0]], initial=[[1.0, 0.0]], weight=
 rates, weights = [2.0, 4.0, 6.0, 8.0], [0.0, 0.3]
 front = pareto(make, {"noise": loss, "peak": peak}, theta0, certify=Quadratic(model), rates=rates, weights=weights)
 print(front)
-picture = front_figure(front, title="every point proved in exact arithmetic")
+picture = plotting.front(front, title="every point proved in exact arithmetic")
