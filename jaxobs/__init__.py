@@ -17,8 +17,10 @@ if TYPE_CHECKING:
     from jaxobs import datasets as datasets
     from jaxobs import designs as designs
     from jaxobs import excitation as excitation
+    from jaxobs import export as export
     from jaxobs import hurwitz as hurwitz
     from jaxobs import integrators as integrators
+    from jaxobs import interop as interop
     from jaxobs import intervals as intervals
     from jaxobs import linalg as linalg
     from jaxobs import metrics as metrics
@@ -27,7 +29,11 @@ if TYPE_CHECKING:
     from jaxobs import observers as observers
     from jaxobs import papers as papers
     from jaxobs import plants as plants
+    from jaxobs import plotting as plotting
+    from jaxobs import report as report
     from jaxobs import signals as signals
+    from jaxobs import streaming as streaming
+    from jaxobs import structure as structure
     from jaxobs import studies as studies
     from jaxobs import tuning as tuning
     from jaxobs._differentiate import Derivatives as Derivatives
@@ -42,6 +48,7 @@ if TYPE_CHECKING:
     from jaxobs._simulate import Trajectory as Trajectory
     from jaxobs._simulate import score as score
     from jaxobs._simulate import simulate as simulate
+    from jaxobs.streaming import Runner as Runner
     from jaxobs.studies import Family as Family
     from jaxobs.studies import Seeds as Seeds
     from jaxobs.studies import compile_cache as compile_cache
@@ -56,14 +63,16 @@ if TYPE_CHECKING:
     # fmt: on
 
 _MODULES = (
-    "certificates", "chain_bounds", "datasets", "designs", "excitation", "hurwitz", "integrators", "intervals", "linalg",
-    "metrics", "monitors", "noise", "observers", "papers", "plants", "signals", "studies", "tuning",
+    "certificates", "chain_bounds", "datasets", "designs", "excitation", "export", "hurwitz", "integrators", "interop",
+    "intervals", "linalg", "metrics", "monitors", "noise", "observers", "papers", "plants", "plotting", "report", "signals",
+    "streaming", "structure", "studies", "tuning",
 )  # fmt: skip
 _NAMES = {
     "Derivatives": "_differentiate",
     "Estimate": "_observe",
     "Family": "studies",
     "Module": "_module",
+    "Runner": "streaming",
     "Scalar": "_module",
     "Seeds": "studies",
     "Trajectory": "_simulate",

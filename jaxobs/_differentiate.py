@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Float
 from jaxobs._loop import time_grid
 from jaxobs._module import Module, Numbers, Scalar, concrete, refuse, require_integer
 from jaxobs._observe import Estimate, observe
+from jaxobs._series import Series, record
 from jaxobs.observers import DiscreteTracker
 
 CANDIDATES = 64
@@ -28,11 +29,18 @@ class Derivatives(Module):
 
 
 def differentiate(
-    ts: Numbers, y: Numbers, *, order: int = 1, q: int = 0, mu: Numbers | None = None, extra: int = 1
+    ts: Numbers | Series,
+    y: Numbers | Series | None = None,
+    *,
+    order: int = 1,
+    q: int = 0,
+    mu: Numbers | None = None,
+    extra: int = 1,
 ) -> Derivatives:
     """Estimates of y, y', ..., y^(order), the columns of `.xhat`, by the discrete tracker without delay: causal for a given mu.
 
-    ts (T,) evenly spaced [s]; y (T,), NaN where a sample was lost. mu [1/s] is the rate of all poles: large follows fast, small
+    ts (T,) evenly spaced [s]; y (T,), NaN where a sample was lost; or in the place of both a record that carries its times, a
+    pandas Series or an xarray DataArray. mu [1/s] is the rate of all poles: large follows fast, small
     smooths. Without mu it is chosen so that the tracker predicts the next sample best, among 64 rates from 4/duration to
     3/period: no truth is needed, it is right when the noise is white, and the whole record takes part, so the estimates are
     then not causal through mu (`.mu` tells it). q integrators help against tones far above mu, and cost tracking. The tracker
@@ -40,6 +48,7 @@ def differentiate(
     """
     require_integer("differentiate", "order", order, 1, "It is the highest derivative wanted.")
     require_integer("differentiate", "extra", extra, 0, "It counts states beyond the highest derivative.")
+    ts, y = record("differentiate", "y", ts, y)
     grid = time_grid("differentiate", ts, jnp.result_type(float))
     y = jnp.asarray(y, grid.ts.dtype)
     if y.shape != grid.ts.shape:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxobs._module import Module, Scalar, concrete, is_real, refuse, require_instance
-from jaxobs.integrators import AbstractIntegrator
+from jaxobs.integrators import AbstractIntegrator, ProgressMeter
 from jaxobs.metrics import AbstractMetric, Moment
 from jaxobs.noise import AbstractNoise
 from jaxobs.observers import AbstractStepObserver, Observer
@@ -23,6 +23,7 @@ PARTS = {  # argument -> what it must be, what to try
     "noise": (AbstractNoise | None, "Build it first, e.g. jaxobs.noise.Gaussian(0.1)."),
     "disturbance": (AbstractNoise | None, "Build it first, e.g. jaxobs.noise.Gaussian(0.1)."),
     "integrator": (AbstractIntegrator | None, "Build it first, e.g. jaxobs.integrators.RK4()."),
+    "progress_meter": (ProgressMeter | None, "Build it first, e.g. diffrax.TextProgressMeter()."),
 }
 
 

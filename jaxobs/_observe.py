@@ -10,7 +10,8 @@ from jaxtyping import Array, Bool, Float
 
 from jaxobs._loop import Sample, as_state, begin, check_period, divergence_time, require_parts, tick, time_grid
 from jaxobs._module import Module, Numbers, Scalar, check, concrete, dtype_of, is_real, refuse
-from jaxobs.integrators import RK4, AbstractIntegrator
+from jaxobs._series import Series, record, values
+from jaxobs.integrators import RK4, AbstractIntegrator, ProgressMeter, metered_scan
 from jaxobs.observers import AbstractFlowObserver, AbstractStepObserver, Observer, Sampled
 
 
@@ -30,24 +31,28 @@ class Estimate(Module):
 
 def observe(
     observer: Observer,
-    ts: Numbers,
-    ys: Numbers,
-    us: Numbers | None = None,
+    ts: Numbers | Series,
+    ys: Numbers | Series | None = None,
+    us: Numbers | Series | None = None,
     *,
     xhat0: Numbers,
     integrator: AbstractIntegrator | None = None,
     hold_innovation: bool = False,
+    progress_meter: ProgressMeter | None = None,
 ) -> Estimate:
     """xhat_k = estimate(k, z_k, u_k, y_k), then z_{k+1} = step(k, z_k, u_k, y_k), over a record (ts, ys, us).
 
-    ts (T,) evenly spaced, ys (T, p) or (T,) if p = 1, us (T, m), to be left out if m = 0. NaN in ys marks a lost sample:
+    ts (T,) evenly spaced, ys (T, p) or (T,) if p = 1, us (T, m), to be left out if m = 0; or in the place of ts and ys a record
+    that carries its times, a pandas Series or DataFrame or an xarray DataArray. NaN in ys marks a lost sample:
     its innovation is zero, or that of the last valid sample with `hold_innovation`. A flow observer becomes
     Sampled(observer, integrator) with y and u held between samples, which adds half a period of delay; integrator defaults to
-    RK4(). Works under jit, vmap and grad.
+    RK4(). progress_meter: one of diffrax's, told after each sample. Works under jit, vmap and grad.
     ValueError names the argument that does not fit.
     """
-    require_parts("observe", observer=observer, integrator=integrator)
+    require_parts("observe", observer=observer, integrator=integrator, progress_meter=progress_meter)
     check(observer)
+    us = values("observe", "us", us, ts)
+    ts, ys = record("observe", "ys", ts, ys)
     dtype = dtype_of(observer)
     grid = time_grid("observe", ts, dtype)
     if isinstance(observer, AbstractFlowObserver):
@@ -61,13 +66,14 @@ def observe(
         fix = "Give us (T, m); zeros if the input was zero."
         raise refuse("observe", "us", "None", f"({count}, {observer.m}): the input at every sample", fix)
     us = jnp.zeros((count, 0), dtype) if us is None else _inputs(us, count, observer.m, dtype)
-    return _observe(
-        observer, grid.ts, grid.dts, ys, us, as_state("observe", "xhat0", xhat0, observer.n, dtype), hold_innovation
-    )
+    start = as_state("observe", "xhat0", xhat0, observer.n, dtype)
+    return _observe(observer, grid.ts, grid.dts, ys, us, start, hold_innovation, progress_meter)
 
 
 @eqx.filter_jit
-def _observe(observer: AbstractStepObserver, ts, dts, ys, us, xhat0, hold_innovation: bool) -> Estimate:
+def _observe(
+    observer: AbstractStepObserver, ts, dts, ys, us, xhat0, hold_innovation: bool, meter: ProgressMeter | None
+) -> Estimate:
     dtype = dtype_of(observer)
     valid = jnp.isfinite(ys)
     ys = jnp.where(valid, ys, 0).astype(dtype)
@@ -80,7 +86,7 @@ def _observe(observer: AbstractStepObserver, ts, dts, ys, us, xhat0, hold_innova
         return tick(observer, carry, sample, lambda x, s: s.y, advance, hold_innovation)
 
     start = begin(observer, None, observer.init(xhat0), dtype, None)
-    _, xhat, y, innovation = jax.lax.scan(body, start, samples)[1]
+    _, xhat, y, innovation = metered_scan(body, start, samples, meter)[1]
     return Estimate(ts, xhat, y, valid, innovation, divergence_time(ts, xhat))
 
 

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from jaxobs._loop import JITTER, Grid, Sample, as_state, check_period, divergence_time, require_parts, results, time_grid
 from jaxobs._module import Module, Numbers, Scalar, check, dtype_of, float_leaves, key_axes, refuse, require_instance
 from jaxobs._motion import Motion, World
-from jaxobs.integrators import RK4, AbstractIntegrator, check_step
+from jaxobs.integrators import RK4, AbstractIntegrator, ProgressMeter, check_step, metered_scan
 from jaxobs.metrics import AbstractMetric
 from jaxobs.noise import AbstractNoise
 from jaxobs.observers import AbstractFlowObserver, AbstractStepObserver, Observer
@@ -49,17 +49,20 @@ def simulate(
     key: Any = None,
     integrator: AbstractIntegrator | None = None,
     hold_innovation: bool = False,
+    progress_meter: ProgressMeter | None = None,
 ) -> Trajectory:
     """The plant from x0 and the observer from xhat0 over the grid ts, with noise and disturbance sampled on it and held.
 
     Flow plant and flow observer are integrated jointly by `integrator` (RK4() if none): the observer sees h(x(t)) + w_k, only
     the noise is held. With a step observer the integrator drives the plant alone and the observer sees samples. A step plant
     takes step observers only. The disturbance enters through plant.disturbance_matrix(). `key` feeds both streams
-    independently. The observer's model and the plant are two objects and may differ. Works under jit, vmap and grad.
+    independently. The observer's model and the plant are two objects and may differ. progress_meter: one of diffrax's, told
+    after each sample. Works under jit, vmap and grad.
     ValueError names the argument that does not fit.
     """
     world = World(plant, signal, noise, disturbance, integrator)
-    return _simulate(*_checked(world, observer, x0, xhat0, ts, key), key, hold_innovation, None)
+    require_parts("simulate", progress_meter=progress_meter)
+    return _simulate(*_checked(world, observer, x0, xhat0, ts, key), key, hold_innovation, None, progress_meter)
 
 
 def score(
@@ -76,6 +79,7 @@ def score(
     key: Any = None,
     integrator: AbstractIntegrator | None = None,
     hold_innovation: bool = False,
+    progress_meter: ProgressMeter | None = None,
 ) -> dict[str, Any]:
     """What `simulate` does, keeping the metrics only: they are updated inside the loop and no trajectory is stored.
 
@@ -84,7 +88,8 @@ def score(
     """
     world = World(plant, signal, noise, disturbance, integrator)
     checked = check_scored("score", world, observer, metrics, x0, xhat0, ts, key)
-    return _simulate(*checked, key, hold_innovation, dict(metrics))
+    require_parts("score", progress_meter=progress_meter)
+    return _simulate(*checked, key, hold_innovation, dict(metrics), progress_meter)
 
 
 FLOWS = AbstractFlowPlant | AbstractFlowObserver
@@ -135,7 +140,9 @@ def _checked(
 
 
 @eqx.filter_jit
-def _simulate(world: World, observer: Any, x0, xhat0, grid: Grid, key, hold_innovation: bool, metrics: Any) -> Any:
+def _simulate(
+    world: World, observer: Any, x0, xhat0, grid: Grid, key, hold_innovation: bool, metrics: Any, meter: ProgressMeter | None
+) -> Any:
     motion, ts = Motion(world, observer, hold_innovation, metrics), grid.ts
     w, valid, d = motion.draw(motion.streams(key), ts)
     us = jax.vmap(world.signal)(ts)
@@ -143,10 +150,10 @@ def _simulate(world: World, observer: Any, x0, xhat0, grid: Grid, key, hold_inno
     samples = Sample(jnp.arange(ts.shape[0]), ts, grid.dts, us, w, valid, disturbed)
     carry, cache = motion.start(x0, xhat0, jax.tree.map(lambda path: path[0], samples), grid.spacing)
     if metrics is not None:
-        return results(
-            jax.lax.scan(lambda carry, sample: (motion.step(cache, carry, sample)[0], None), carry, samples)[0], metrics
-        )
-    x, xhat, y, innovation = jax.lax.scan(lambda carry, sample: motion.step(cache, carry, sample), carry, samples)[1]
+        last, _ = metered_scan(lambda carry, sample: (motion.step(cache, carry, sample)[0], None), carry, samples, meter)
+        return results(last, metrics)
+    _, path = metered_scan(lambda carry, sample: motion.step(cache, carry, sample), carry, samples, meter)
+    x, xhat, y, innovation = path
     return Trajectory(ts, x, xhat, y, valid, us, innovation, divergence_time(ts, x, xhat))
 
 

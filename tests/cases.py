@@ -17,11 +17,31 @@ from jaxobs._module import Module
 PACKAGES = [plants, signals, noise, integrators, observers, metrics]
 DT = 0.1
 
+
+def swing(x, u, c):
+    return [x[1] + c["bend"] * x[0] ** 3, -jnp.sin(x[0]) + u[0] * x[1]]
+
+
+def swing_seen(x, u, c):
+    return x[0]
+
+
+def swing_step(x, u, c):
+    return x + DT * jnp.stack(swing(x, u, c))
+
+
+def swinging(f):
+    return plants.from_function(swing, swing_seen, n=2, m=1, parameters={"bend": f(0.3)})
+
+
 # fmt: off
 CASES: dict[str, Callable[[Callable[[Any], jax.Array]], Module]] = {  # f makes an array of the precision asked for
+    "BlockTriangularOf": lambda f: plants.BlockTriangularOf(plants.Hovercraft(f(0.7)), (0, 1, 2, 3, 4), (2, 2, 1)),
+    "ChainOf": lambda f: plants.ChainOf(plants.Pendulum(f(1.2), f(0.3)), (0, 1)),
     "Discretised": lambda f: plants.Discretised(plants.Pendulum(f(1.2), f(0.3)), integrators.Euler(), f(DT)),
     "Duffing": lambda f: plants.Duffing(f(1.1), f(0.7)),
     "FieldMotor": lambda f: plants.FieldMotor(f(1.0), f(0.4), f(1.1), f(0.5), f(0.2), f(0.6), f(0.1)),
+    "FlowFunction": lambda f: swinging(f),
     "FlexibleJoint": lambda f: plants.FlexibleJoint(
         f(0.7), f(1.3), f(0.5), f(0.8), f(0.4), f(0.6), f(1.1), f(0.9), f(9.8)),
     "ForcedDuffing": lambda f: plants.ForcedDuffing(f(0.3)),
@@ -31,14 +51,22 @@ CASES: dict[str, Callable[[Callable[[Any], jax.Array]], Module]] = {  # f makes 
     "LearnedField": lambda f: plants.LearnedField(
         f([[0.5, -0.2], [0.1, 0.9]]), f([0.1, -0.3]), f([2.0, -1.0]), f([0.2, 0.0]), f([1.0, 2.0]), f(DT)),
     "Lienard": lambda f: plants.Lienard(f(1.3)),
+    "Linear": lambda f: plants.Linear(f([[0.0, 1.0], [-2.0, -0.3]]), f([[0.0], [1.5]]), f([[1.0, 0.2]])),
+    "LinearStep": lambda f: plants.LinearStep(f([[0.9, 0.1], [-0.2, 0.8]]), f([[0.0], [0.1]]), f([[1.0, 0.0]])),
+    "LipschitzOf": lambda f: plants.LipschitzOf(plants.Duffing(f(1.1), f(0.7)), (1,), (), ((0, 1),)),
     "Lorenz": lambda f: plants.Lorenz(f(10), f(28), f(2.5)),
+    "NormalChain": lambda f: plants.NormalChain(plants.Lienard(f(1.3)), f([0.0, 0.0])),
+    "NormalTriangular": lambda f: plants.NormalTriangular(swinging(f), f([0.0, 0.0])),
     "Pendulum": lambda f: plants.Pendulum(f(1.2), f(0.3)),
     "Rossler": lambda f: plants.Rossler(f(0.3), f(0.2), f(5.0), f([[0.0, 1.0, 0.0], [0.5, 0.0, 1.0]])),
     "SampledChain": lambda f: plants.SampledChain(3, f(DT)),
     "Saturated": lambda f: plants.Saturated(
         plants.Lorenz(f(10), f(28), f(2.5)), f([-0.5, -0.4, 0.0]), f([0.6, 0.5, 0.8])),
     "SineChain": lambda f: plants.SineChain(f(0.9), 3),
+    "StateAffineOf": lambda f: plants.StateAffineOf(plants.Linear(f([[0.0, 1.0], [-2.0, -0.3]]), f([[0.0], [1.5]]))),
+    "StepFunction": lambda f: plants.from_step_function(swing_step, swing_seen, n=2, m=1, parameters={"bend": f(0.3)}),
     "SwingingLeg": lambda f: plants.SwingingLeg(f(9.0), f(0.4), f(0.6), f(-0.2)),
+    "TriangularOf": lambda f: plants.TriangularOf(plants.Lienard(f(1.3)), (0, 1)),
     "VanDerPol": lambda f: plants.VanDerPol(f(1.3)),
     "VanDerPolSeen": lambda f: plants.VanDerPolSeen(f(1.3), f([[0.0, 1.0]])),
     "WithTones": lambda f: plants.WithTones(plants.SampledChain(2, f(DT)), f([2.0, 0.7]), f([0.1, 0.0]), f(DT)),
@@ -87,6 +115,12 @@ CASES: dict[str, Callable[[Callable[[Any], jax.Array]], Module]] = {  # f makes 
     "IntegralHighGain q=0": lambda f: observers.IntegralHighGain(plants.VanDerPol(f(1.3)), f([1.5, 1.0]), f(2.0), 0),
     "Luenberger": lambda f: observers.Luenberger(plants.Lorenz(f(10), f(28), f(2.5)), f([[0.5], [2.0], [0.1]])),
     "OutputInjection": lambda f: observers.OutputInjection(plants.VanDerPol(f(1.3)), f([[1.5], [1.0]])),
+    "PulledBack": lambda f: observers.PulledBack(
+        observers.HighGain(plants.NormalChain(plants.Lienard(f(1.3)), f([0.0, 0.0])), f([1.5, 1.0]), f(3.0))),
+    "PulledBack q=1": lambda f: observers.PulledBack(observers.IntegralHighGain(
+        plants.NormalChain(plants.Lienard(f(1.3)), f([0.0, 0.0])), f([3.0, 3.0, 1.0]), f(2.0), 1)),
+    "PulledBack gain": lambda f: observers.PulledBack(
+        observers.Luenberger(plants.NormalTriangular(swinging(f), f([0.0, 0.0])), f([[1.5], [1.0]]))),
     "RationalMap": lambda f: observers.RationalMap(
         plants.GatedChain(), 1, 0, (((1, 0, 0),), ((0, 0, 0),), ((0, 1, 0),), ((0, 0, 1),)), f([1.0, 1.0, 1.0, 1.0])),
     "Lyapunov": lambda f: observers.Lyapunov(

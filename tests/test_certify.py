@@ -10,7 +10,7 @@ import pytest
 from jaxobs import cli
 from jaxobs.certificates import load
 from jaxobs.certificates.checker import digest
-from jaxobs.cli.certify import examples
+from jaxobs.cli.examples import examples
 from jaxobs.cli.methods import METHODS
 
 SLOW = {"analysis", "flexible_joint", "lorenz", "pendulum_box", "pendulum_s_lemma", "synthesis"}
@@ -36,10 +36,10 @@ def config(tmp_path):
 PENDULUM = '[plant]\nname = "Pendulum"\n'
 RICCATI = PENDULUM + '[design]\nmethod = "riccati"\nalphas = [3.0, 2.0]\ngamma = 6.0\nlipschitz = 1.5\n'
 SLOPE = PENDULUM + '[design]\nmethod = "s_lemma"\nalphas = [3, 2]\n'
-GIVEN = examples()["given_gain"]
+GIVEN = examples("certify")["given_gain"]
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in examples()])
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in examples("certify")])
 def test_every_example_is_proved(monkeypatch, capsys, tmp_path, name):
     assert run(monkeypatch, "certify", name, "-o", tmp_path / "c.json") == 0
     out = capsys.readouterr().out
@@ -123,11 +123,11 @@ def test_a_wrong_config_is_named_by_its_key(monkeypatch, capsys, tmp_path, confi
 def test_a_missing_config_names_the_examples(monkeypatch, capsys, tmp_path):
     assert run(monkeypatch, "certify", "nonsuch", "-o", tmp_path / "c.json") == 2
     told = capsys.readouterr().err
-    assert all(name in told for name in examples())
+    assert all(name in told for name in examples("certify"))
 
 
 def test_the_examples_show_different_methods():
-    shown = {tomllib.loads(text)["design"]["method"] for text in examples().values()}
+    shown = {tomllib.loads(text)["design"]["method"] for text in examples("certify").values()}
     assert len(shown) >= 5
     assert shown <= set(METHODS)
 

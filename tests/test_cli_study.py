@@ -16,7 +16,7 @@ from study_tables import TINY
 
 import jaxobs
 from jaxobs import Seeds, cli, grid, integrators, metrics, noise, observers, plants, signals
-from jaxobs.cli.certify import examples
+from jaxobs.cli.examples import examples
 from jaxobs.cli.study_config import study_config
 from jaxobs.studies import open_study
 from jaxobs.studies.groups import make_groups
@@ -70,9 +70,12 @@ def test_a_config_is_the_study_written_by_hand(jaxobs_study, config, tmp_path):
     assert f"open_study({str(tmp_path / 's')!r})" in out.replace("\n", "")
 
 
-def test_the_same_as_json(jaxobs_study, config):
-    code, out, err = jaxobs_study(config, "--json", "--chunk", "6")
-    assert (code, err) == (0, "")
+def test_the_same_as_json_and_as_a_page(jaxobs_study, config, tmp_path):
+    code, out, err = jaxobs_study(config, "--json", "--chunk", "6", "--report", tmp_path / "r.html")
+    assert (code, err.replace(" ", "")) == (0, f"Report:{tmp_path / 'r.html'}".replace(" ", ""))
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert "Study" in page
+    assert "plotly" in page
     told, ds = json.loads(out), by_hand()
     assert told["axes"] == {"gamma": 2, "sigma": 2, "x0": 2, "seed": 3}
     assert (told["lanes"], told["computed"], told["diverged"], told["steps"], told["complete"]) == (24, 24, 0, 11, True)
@@ -150,8 +153,8 @@ EXAMPLES = {
 
 
 def test_every_example_is_run():
-    assert set(EXAMPLES) == set(examples(study=True))
-    assert not set(EXAMPLES) & set(examples())
+    assert set(EXAMPLES) == set(examples("study"))
+    assert not set(EXAMPLES) & set(examples("certify"))
 
 
 @pytest.mark.slow
@@ -169,7 +172,7 @@ def test_every_example_runs(jaxobs_study, name):
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_every_example_fits_together(name):
     """All checks of the study on the whole example, without a run."""
-    plant, families, arguments = study_config(tomllib.loads(examples(study=True)[name])).study()
+    plant, families, arguments = study_config(tomllib.loads(examples("study")[name])).study()
     _, groups = make_groups(plant, families, **arguments)
     assert [*groups[0].label, *(axis.name for axis in groups[0].axes)] == EXAMPLES[name][0]
 

@@ -14,7 +14,7 @@ import scipy.linalg
 import jaxobs
 from jaxobs import cli, observers, plants
 from jaxobs.certificates import checker_bounds, load
-from jaxobs.cli.certify import examples
+from jaxobs.cli.examples import examples
 from jaxobs.cli.tune_case import job, members
 from jaxobs.cli.tune_config import tune_config
 from jaxobs.cli.tune_floor import floor_of
@@ -147,10 +147,10 @@ def test_one_case_all_the_way(jaxobs_tune, config, tmp_path):
     assert str(out / "tiny.after.json") in said.replace("\n", "")
 
 
-@pytest.mark.parametrize("name", examples(tune=True))
+@pytest.mark.parametrize("name", examples("tune"))
 def test_every_example_fits_together(name):
     """All that is read, built and checked before a search: charts, bounds, certifier, objective."""
-    for config in tune_config(tomllib.loads(examples(tune=True)[name])):
+    for config in tune_config(tomllib.loads(examples("tune")[name])):
         found = job(config, name)
         first = found.case.make(found.case.theta0)
         for leaf, theta in found.case.theta0.items():
@@ -160,8 +160,8 @@ def test_every_example_fits_together(name):
 
 def test_examples_are_those_that_were_promised():
     names = {"tune_pendulum", "tune_chain", "tune_flexible_joint", "tune_discrete", "tune_duffing", "tune_walk"}
-    assert set(examples(tune=True)) == names
-    assert not names & (set(examples()) | set(examples(study=True)))
+    assert set(examples("tune")) == names
+    assert not names & (set(examples("certify")) | set(examples("study")))
 
 
 def test_cases_are_tables_over_tables():
@@ -237,7 +237,7 @@ def test_floors_of_a_linear_plant_agree():
 
 def test_the_record_is_compared_on_its_last_block(monkeypatch):
     """Rows beside the samples of the gyroscope; the grids are searched on the training block alone."""
-    recorded = RecordedCase(tune_config(tomllib.loads(examples(tune=True)["tune_walk"]))[0])
+    recorded = RecordedCase(tune_config(tomllib.loads(examples("tune")["tune_walk"]))[0])
     monkeypatch.setattr("jaxobs.cli.tune_record.TRACKERS", ((2, 0),))
     monkeypatch.setattr("jaxobs.cli.tune_record.GRID", np.array([90.0, 130.0]))
     filters = {

@@ -8,7 +8,7 @@ import pytest
 from cases import build
 
 import jaxobs
-from jaxobs import Family, grid, noise, over, signals
+from jaxobs import Family, grid, noise, observers, over, signals
 from jaxobs.plants import Pendulum
 
 TS = np.linspace(0, 1, 11)
@@ -173,3 +173,14 @@ def test_a_family_is_a_pytree():
     again = jax.tree.unflatten(jax.tree.structure(family), jax.tree.leaves(family))
     assert isinstance(again, Family)
     assert eqx.tree_equal(again, family)
+
+
+def test_parameters_in_a_dict_are_leaves_like_others():
+    """plants.from_function keeps them so; the names of the keys are steps of the dotted name."""
+    observer = observers.Luenberger(build("FlowFunction"), [[2.0], [1.0]])
+    family = grid(observer, **{"model.parameters.bend": [0.0, 0.3, 1.0]})
+    at = jnp.asarray([2.0, 0.5]), jnp.zeros(1)
+    flows = over(family, lambda one, key: one.model.flow(jnp.zeros(()), *at)[0])()
+    np.testing.assert_allclose(flows, [0.5, 0.5 + 0.3 * 8, 8.5])
+    with pytest.raises(ValueError, match=r"grid\.model\.parameters\.soft: given no such number in Luenberger"):
+        grid(observer, **{"model.parameters.soft": [1.0]})

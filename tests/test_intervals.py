@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from jaxobs import intervals, plants
 from jaxobs.intervals import Interval, bound, bounded, elementary, interval
-from tests.interval_programs import of_plant, plant_names
+from tests.interval_programs import NEWTON, of_plant, plant_names
 
 FLOATS = st.floats(allow_nan=False, allow_infinity=False)
 MODERATE = st.floats(2.0**-100, 2.0**100) | st.floats(-(2.0**100), -(2.0**-100)) | st.just(0.0)
@@ -253,6 +253,13 @@ def test_structural_zeros_survive_infinite_boxes(name: str):
     if name in ("Pendulum", "IntegratorChain"):
         assert np.any(zero)
         assert ends(found[0, 0, 1]) == [[1.0], [1.0]]
+
+
+@pytest.mark.parametrize("name", NEWTON)
+def test_plants_that_solve_for_their_state_are_refused_by_primitive(name: str):
+    program = of_plant(name)
+    with pytest.raises(intervals.UnknownPrimitiveError, match="no interval rule for the primitive"):
+        intervals.trace(program.f, np.ones(program.n))(intervals.whole((program.n,)))
 
 
 def test_the_pendulum_on_the_box_of_its_papers_bound():

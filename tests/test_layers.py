@@ -12,19 +12,22 @@ PACKAGE = Path(__file__).parent.parent / "jaxobs"
 # Register a new top-level module or folder here, as (layer, place within the layer): imports point to lower or equal
 # pairs. Other top-level modules named with a leading underscore are helpers of layer 0.
 RANK = {
-    **dict.fromkeys(["chain_bounds", "errors", "linalg", "hurwitz", "intervals"], (0, 0)),
+    **dict.fromkeys(["chain_bounds", "errors", "linalg", "hurwitz", "intervals", "scalars"], (0, 0)),
     **dict.fromkeys(["signals", "noise", "integrators"], (1, 0)),
     "plants": (1, 1),
     "observers": (2, 0),
     **dict.fromkeys(["_loop", "_motion", "_observe", "_simulate", "_differentiate", "metrics"], (3, 0)),
-    **dict.fromkeys(["certificates", "excitation", "datasets", "monitors"], (3, 0)),
+    **dict.fromkeys(["certificates", "excitation", "datasets", "monitors", "structure"], (3, 0)),
     "designs": (4, 0),
+    "interop": (4, 0),
+    "export": (4, 1),
+    "streaming": (4, 2),
     "studies": (4, 1),
     "tuning": (4, 2),
     "papers": (4, 3),
     "demo": (4, 4),
     "bench": (4, 4),
-    **dict.fromkeys(["cli", "report", "plotting", "__main__"], (5, 0)),
+    **dict.fromkeys(["cli", "configs", "report", "plotting", "__main__"], (5, 0)),
     "": (5, 0),  # jaxobs/__init__.py names every layer, so only the last one may import it
 }
 
@@ -35,12 +38,16 @@ OWNERS = {
     "cvxpy": {"designs"},
     "diffrax": {"integrators"},
     "flint": {"intervals"},
-    "xarray": {"studies"},
+    "control": {"interop"},
+    "pandas": {"cli"},
+    "xarray": {"studies", "interop"},
     "zarr": {"studies"},
     "cloudpickle": {"studies"},
     "distributed": {"studies"},
     "optax": {"tuning", "papers", "report"},
-    **dict.fromkeys(["matplotlib", "tyro"], SCREEN),
+    "matplotlib": {"plotting", "report"},
+    "plotly": {"plotting", "report"},
+    "tyro": SCREEN,
     "rich": SCREEN | {"studies"},
 }
 

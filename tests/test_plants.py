@@ -72,9 +72,42 @@ def hovercraft(x, u):
     return [*x[2:4], *(thrust + drag), 0]
 
 
+def swing(x, u):
+    return np.asarray([x[1] + 0.3 * x[0] ** 3, -SIN(x[0]) + u[0] * x[1]])
+
+
+def swing_normal(z, u):
+    """z = (x1, x2 + 0.3 x1^3)."""
+    return [z[1], -SIN(z[0]) + u[0] * (z[1] - 0.3 * z[0] ** 3) + 0.9 * z[0] ** 2 * z[1]]
+
+
+def linear(x, u):
+    return [x[1], -2 * x[0] - 0.3 * x[1] + 1.5 * u[0]]
+
+
+def lienard(x, u):
+    return [x[1] + 1.3 * (x[0] - x[0] ** 3 / 3), -x[0]]
+
+
+def duffing(x, u):
+    return [x[1], -1.1 * x[0] - 0.7 * x[0] ** 3]
+
+
 EQUATIONS = {
+    "BlockTriangularOf": (hovercraft, lambda x: x[:2]),
+    "ChainOf": (pendulum, first),
+    "FlowFunction": (swing, first),
+    "Linear": (linear, lambda x: x[:1] + 0.2 * x[1:]),
+    "LinearStep": (lambda x, u: [0.9 * x[0] + 0.1 * x[1], -0.2 * x[0] + 0.8 * x[1] + 0.1 * u[0]], first),
+    "LipschitzOf": (duffing, lambda x: x[:1] + x[1:]),
+    # z = (x1, x1') of Lienard's plane is van der Pol's.
+    "NormalChain": (lambda z, u: [z[1], 1.3 * (1 - z[0] ** 2) * z[1] - z[0]], first),
+    "NormalTriangular": (swing_normal, first),
+    "StateAffineOf": (linear, lambda x: x),
+    "StepFunction": (lambda x, u: x + 0.1 * swing(x, u), first),
+    "TriangularOf": (lienard, first),
     "Discretised": (lambda x, u: x + 0.1 * pendulum(x, u), first),
-    "Duffing": (lambda x, u: [x[1], -1.1 * x[0] - 0.7 * x[0] ** 3], lambda x: x[:1] + x[1:]),
+    "Duffing": (duffing, lambda x: x[:1] + x[1:]),
     "FieldMotor": (motor, first),
     "FlexibleJoint": (joint, lambda x: x[1::-1]),
     "ForcedDuffing": (lambda x, u: [x[1], u[0] - 0.3 * x[1] - x[0] ** 3], lambda x: 0.2 * x[:1] + x[1:]),
@@ -82,7 +115,7 @@ EQUATIONS = {
     "Hovercraft": (hovercraft, lambda x: x[:2]),
     "IntegratorChain": (lambda x, u: [x[1], x[2], 0], first),
     "LearnedField": (lambda x, u: learned(x), first),
-    "Lienard": (lambda x, u: [x[1] + 1.3 * (x[0] - x[0] ** 3 / 3), -x[0]], first),
+    "Lienard": (lienard, first),
     "Lorenz": (lambda x, u: lorenz(x), lambda x: x[1:2]),
     "Pendulum": (pendulum, first),
     "Rossler": (rossler, lambda x: np.asarray([x[1], 0.5 * x[0] + x[2]])),
@@ -96,6 +129,9 @@ EQUATIONS = {
 }
 # How a disturbance enters: by default it moves the last state alone.
 MATRICES = {
+    **dict.fromkeys(["FlowFunction", "Linear", "LinearStep", "NormalTriangular"], np.eye(2)),
+    **dict.fromkeys(["StateAffineOf", "StepFunction", "TriangularOf"], np.eye(2)),
+    "BlockTriangularOf": np.eye(5),
     "FieldMotor": np.eye(3),
     "Hovercraft": np.eye(5),
     "Discretised": [[0], [0.1]],

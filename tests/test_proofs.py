@@ -72,12 +72,3 @@ def test_the_notebook_writes_them_anew(alone, tmp_path):
     require_accepted(alone, made)
     for path in made:
         assert f"{path}: holds for the stored model and bounds" in result.stdout
-
-
-@pytest.mark.slow
-def test_the_notebook_on_tuning_runs():
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "tuning.py"], cwd=NOTEBOOKS, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert "proved in exact arithmetic" in done.stdout

@@ -40,11 +40,3 @@ def test_contributing_examples_work():
 def test_pictures_and_links_exist():
     for target in re.findall(r"\]\(([^)#]+)\)", README.read_text()):
         assert (README.parent / target).exists(), target
-
-
-@pytest.mark.slow
-def test_the_page_on_tuning_runs():
-    (code,) = re.findall(r"```python\n(.*?)```", (README.parent / "docs" / "tuning.md").read_text(), flags=re.DOTALL)
-    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "proved in exact arithmetic: decay rate" in done.stdout

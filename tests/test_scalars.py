@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxobs.studies import scalars
+from jaxobs import scalars
 from jaxobs.studies.fused import fused, is_plain
 
 LANES = 5

@@ -49,7 +49,7 @@ REFUSED = [
     ({"budget": 10}, r"study\.budget: given 10 bytes \(given\); expected the \d+ bytes of one lane or more"),
     ({"part": (2, 2)}, r"study\.part: given \(2, 2\); expected \(i, count\) with 0 <= i < count"),
     ({"part": 1}, r"study\.part: given 1"),
-    ({"progress": 3}, r"study\.progress: given 3; expected None, True or a function"),
+    ({"progress": 3}, r"study\.progress: given 3; expected None, True, a function or a progress meter"),
     ({"hold_innovation": 1}, r"study\.hold_innovation: given 1; expected True or False"),
     ({"integrator": "RK4"}, r"study\.integrator: given str 'RK4'"),
     ({"noise": grid(OBSERVER, gamma=[1.0]), "keys": KEYS}, r"study\.noise: given HighGain"),

@@ -9,7 +9,7 @@ import pytest
 from jaxobs import observers, plants
 from jaxobs.certificates import Corners
 from jaxobs.cli.tune_record import RecordRow
-from jaxobs.report.tuning_figures import comparison_figure, history_figure
+from jaxobs.plotting import comparison, history
 from jaxobs.tuning import History, Tuned
 
 CERTIFIED = object.__new__(Corners)  # empty: the picture asks only whether there is one
@@ -25,10 +25,10 @@ def tuned(starts=2, stages=3, each=4, certified=True):
     theta = {"['alphas']": np.cumsum(rng.normal(size=(starts, steps, 2)), axis=1), "['gamma']": rng.random((starts, steps))}
     weight = np.repeat(0.1 ** np.arange(stages), each)
     lane = np.full((starts, steps), -1)
-    history = History(loss, depth, weight, loss, good, lane, theta, 24, 1.0, 0.5)
+    path = History(loss, depth, weight, loss, good, lane, theta, 24, 1.0, 0.5)
     observer = observers.HighGain(plants.Pendulum(), [3.0, 2.0], 6.0)
     more = {"loss": 0.4, "first_loss": 1.0, "free_loss": 0.35, "rate": 2.0, "unit": "1/s", "start": 1}
-    return Tuned(observer, CERTIFIED if certified else None, history, theta={}, **more)
+    return Tuned(observer, CERTIFIED if certified else None, path, theta={}, **more)
 
 
 def lines(ax):
@@ -37,7 +37,7 @@ def lines(ax):
 
 def test_a_history_shows_every_step(tmp_path):
     found = tuned()
-    figure = history_figure(found, title="case")
+    figure = history(found, title="case")
     loss, barrier, slope, theta = figure.axes
     drawn = lines(loss)
     np.testing.assert_array_equal(drawn["least so far"], np.min(found.history.best, axis=0))
@@ -60,7 +60,7 @@ def test_a_history_shows_every_step(tmp_path):
 
 def test_a_search_without_a_proof_says_so():
     found = dataclasses.replace(tuned(starts=1, certified=False), free_loss=None)
-    loss, barrier, *_ = history_figure(found).axes
+    loss, barrier, *_ = history(found).axes
     assert not [label for label in lines(loss) if label.startswith(("proved", "without", "start"))]
     assert [text.get_text() for text in barrier.texts] == ["none: nothing is proved"]
 
@@ -71,7 +71,7 @@ def row(rmse, change=0.0, floor=None):
 
 def test_a_comparison_is_relative_to_the_gain_before(tmp_path):
     cases = [("a", row(2.0), row(1.5, -0.25, 0.5)), ("b", row(1.0), row(1.1, 0.1))]
-    figure = comparison_figure(cases)
+    figure = comparison(cases)
     (ax,) = figure.axes
     points = sorted(tuple(line.get_xydata()[0]) for line in ax.lines if line.get_marker() == "o" and len(line.get_xdata()))
     assert points == [(pytest.approx(0.75), 1.0), (pytest.approx(1.1), 0.0)]

@@ -81,7 +81,7 @@ def study_walk(*, quick: bool = False, progress: Callable[[str], None] = lambda 
     if not jax.config.read("jax_enable_x64"):
         raise ValueError("study_walk: given float32; expected float64. Call jax.config.update('jax_enable_x64', True) first.")
     walk = shank_walk()
-    entries = [Entry("observer", "none", "backward difference", "", 0, 0.0, _rate_of(backward_difference()))]
+    entries = [Entry("observer", "none", "backward difference", "", 0, 0.0, rate_of(backward_difference()))]
     for ref in references(walk.angle, walk.rate, DT, TRAIN):
         kind = "off-line" if "off-line" in ref.name else "reference"
         entries.append(Entry(kind, "gyroscope", ref.name, ref.parameters, ref.free, 0.0, ref.filter))
@@ -91,7 +91,7 @@ def study_walk(*, quick: bool = False, progress: Callable[[str], None] = lambda 
             entries += tuned
             progress(tuned[0].name)
         rates = list(pool.map(lambda entry: entry.filter(walk.angle), entries))
-        rows = list(pool.map(lambda entry, rate: _row(walk, entry, rate), entries, rates))
+        rows = list(pool.map(lambda entry, rate: row_of(walk, entry, rate), entries, rates))
     chosen = min((row for row in rows if row.kind == "observer"), key=lambda row: row.rmse_choose)
     return WalkStudy(walk, rows, rates, chosen)
 
@@ -118,7 +118,7 @@ def _tune(candidate: Candidate, walk: Walk, quick: bool) -> list[Entry]:
         observer = candidate.make(jax.tree.map(lambda a, best=best: a[best], found.theta))
         seconds = time.perf_counter() - begin
         about = (candidate.name, candidate.parameters, candidate.free)
-        entries.append(Entry("observer", tuned, *about, seconds, _rate_of(observer)))
+        entries.append(Entry("observer", tuned, *about, seconds, rate_of(observer)))
     return entries
 
 
@@ -126,12 +126,14 @@ def _start(n: int, y0: Any) -> Any:
     return jnp.zeros((n,)).at[0].set(y0)
 
 
-def _rate_of(observer: Observer) -> Callable[[np.ndarray], np.ndarray]:
+def rate_of(observer: Observer) -> Callable[[np.ndarray], np.ndarray]:
+    """The filter from the angle to the rate that an observer is."""
     ts = shank_walk().ts
     return lambda y: np.asarray(observe(observer, ts[: len(y)], y, xhat0=_start(observer.n, y[0])).xhat[:, 1])
 
 
-def _row(walk: Walk, entry: Entry, rate: np.ndarray) -> Row:
+def row_of(walk: Walk, entry: Entry, rate: np.ndarray) -> Row:
+    """The line of the table for a filter whose estimate of the record is `rate`."""
     error = rate - walk.rate
     low, high = block_bootstrap(error[LAST], stride(walk.rate[TRAIN]))
     small = 1e-4 * np.random.default_rng(0).normal(size=len(walk.angle))

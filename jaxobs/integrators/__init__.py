@@ -9,3 +9,5 @@ from jaxobs.integrators.explicit import Euler as Euler
 from jaxobs.integrators.exponential import Exponential as Exponential
 from jaxobs.integrators.limits import UnstableStep as UnstableStep
 from jaxobs.integrators.limits import largest_step as largest_step
+from jaxobs.integrators.meters import ProgressMeter as ProgressMeter
+from jaxobs.integrators.meters import metered_scan as metered_scan
