@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.ad_checkpoint import checkpoint_name
 
 from jaxobs.plants.base import AbstractFlowPlant, AbstractPlant
 from tests.cases import CASES
@@ -233,7 +234,7 @@ FURTHER: dict[str, Program] = {
     "positive": Program(positive, 3, 0.05, 4.0),
     "dead zone": Program(dead_zone, 3),
     "sorted": Program(lambda z: jnp.sort(W1 @ z)[1:] * jnp.clip(z, -0.5, z[0] ** 2), 3),
-    "checkpoint": Program(jax.checkpoint(lambda z: jnp.sin(cubed(z)) * z), 3),
+    "checkpoint": Program(jax.checkpoint(lambda z: checkpoint_name(jnp.sin(cubed(z)), "gain") * z), 3),
     "logic": Program(logic, 3),
     "bits": Program(bits, 3),
     "extremes": Program(extremes, 3),

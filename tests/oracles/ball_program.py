@@ -224,7 +224,7 @@ BITWISE = {
 }
 PRIMITIVES = {
     **dict.fromkeys(["jit", "closed_call", "remat2", "checkpoint", "custom_jvp_call", "custom_vjp_call"], _inner),
-    **dict.fromkeys(["stop_gradient", "copy", "optimization_barrier", "reduce_precision"], lambda eqn, *a: list(a)),
+    **dict.fromkeys(["stop_gradient", "copy", "name", "optimization_barrier", "reduce_precision"], lambda eqn, *a: list(a)),
     **dict.fromkeys(["add", "add_any"], _binary(lambda a, b: a + b, np.add)),
     "sub": _binary(lambda a, b: a - b, np.subtract),
     "mul": _binary(lambda a, b: a * b, np.multiply),
