@@ -271,6 +271,7 @@ def beyond():
         yield at_the_edge(data, "delta", 5.0)
         delta, degree = 2.0**-16, 2
         start = np.linalg.inv(p)
+        start = (start + start.T) / 2
         tube = [np.zeros((n + k, n + k)) for _ in range(degree)]
         for i, x in enumerate(tube, start=1):
             x[:n, :n], x[n:, n:] = start * (1 - 1e-9 * i), 0.5 * i * np.eye(k)
