@@ -18,7 +18,7 @@ import numpy as np
 SOURCES = Path(__file__).parent / "reference"
 WORKLOADS = ("pendulum", "chain", "tracker")
 DTYPES = {"float32": np.float32, "float64": np.float64}
-FLAGS = ("-std=gnu11", "-O3", "-march=native", "-fopenmp", "-fPIC", "-shared", "-Wall", "-Wextra", "-Werror")
+FLAGS = ("-std=gnu11", "-O3", "-fopenmp", "-fPIC", "-shared", "-Wall", "-Wextra", "-Werror")
 NUMERICS = ("-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast")  # -ffast-math would undo the rounding trick of sin
 WIDE = ("-mprefer-vector-width=512", "-fschedule-insns")  # GCC takes half the width on its own; stages are scheduled as a whole
 VARIANTS = {
@@ -32,15 +32,15 @@ class NoCompiler(Exception):
     """There is no C compiler with OpenMP here, or it refuses the source; the message says which."""
 
 
-def build(folder: Path, precision: str, variant: str = "vector", workload: str = "pendulum") -> Path:
-    """The shared library of one workload, compiled into `folder`."""
+def build(folder: Path, precision: str, variant: str = "vector", workload: str = "pendulum", march: str = "native") -> Path:
+    """The shared library of one workload, compiled into `folder` for the processor `march`."""
     compiler = os.environ.get("CC") or next(filter(shutil.which, ("gcc", "cc")), None)
     if compiler is None:
         raise NoCompiler("no C compiler on the path: install gcc, or name one in CC")
     path = folder / f"{workload}-{precision}-{variant}.so"
     double = ("-DDOUBLE",) if precision == "float64" else ()
     libraries = ("-lmvec", "-lm") if variant == "libm" else ("-lm",)
-    command = [*compiler.split(), *FLAGS, *NUMERICS, *VARIANTS[variant], *double]
+    command = [*compiler.split(), f"-march={march}", *FLAGS, *NUMERICS, *VARIANTS[variant], *double]
     made = subprocess.run(
         [*command, str(SOURCES / f"{workload}.c"), "-o", str(path), *libraries], capture_output=True, text=True, check=False
     )
@@ -65,6 +65,12 @@ class Hot(NamedTuple):
         terms = {"float32": 9, "float64": 16}[precision]  # multiplications in the two polynomials
         own = self.packed >= terms * trigonometric and not self.calls
         return own if variant != "libm" else len(self.calls) >= 2 * trigonometric
+
+
+def disassembled(path: Path) -> dict[int, str]:
+    """{offset: operation} of every instruction, by objdump."""
+    text = subprocess.run(["objdump", "-d", "--no-show-raw-insn", str(path)], capture_output=True, text=True, check=True).stdout
+    return {int(found[1], 16): found[2] for found in re.finditer(r"^\s+([0-9a-f]+):\s+(\S+)", text, re.MULTILINE)}
 
 
 def inspect(path: Path, function: str = "step") -> Hot | None:

@@ -60,17 +60,19 @@ class Failed(Exception):
 
 
 class Entry:
-    """The process of one contender in one precision."""
+    """The process of one contender in one precision, by itself or under a command such as valgrind's; patience in seconds."""
 
-    def __init__(self, contender: Contender, precision: str, libraries: Path):
-        self.contender = contender
+    def __init__(
+        self, contender: Contender, precision: str, libraries: Path, under: tuple[str, ...] = (), patience: float = PATIENCE
+    ):
+        self.contender, self.under, self.patience = contender, under, patience
         environment = {name: value for name, value in os.environ.items() if name != "JAX_COMPILATION_CACHE_DIR"}
         environment |= {"RACE_LIBRARIES": str(libraries), "JAX_ENABLE_X64": str(int(precision == "float64"))}
         self.environment = environment | dict(contender.environment)
         self.process = self._start()
 
     def _start(self) -> subprocess.Popen[str]:
-        command = [sys.executable, str(HERE / "_worker.py"), self.contender.module]
+        command = [*self.under, sys.executable, str(HERE / "_worker.py"), self.contender.module]
         return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=self.environment)
 
     def ask(self, command: str, argument: Any) -> dict[str, Any]:
@@ -78,7 +80,7 @@ class Entry:
         assert self.process.stdout is not None
         try:
             print(json.dumps({command: argument}), file=self.process.stdin, flush=True)
-            ready, _, _ = select.select([self.process.stdout], [], [], PATIENCE)
+            ready, _, _ = select.select([self.process.stdout], [], [], self.patience)
             line = self.process.stdout.readline() if ready else self.give_up()
         except BrokenPipeError:
             line = ""
@@ -94,7 +96,7 @@ class Entry:
     def give_up(self) -> str:
         self.process.kill()
         self.process.wait()
-        return json.dumps({"error": f"no answer within {PATIENCE:g} s"})
+        return json.dumps({"error": f"no answer within {self.patience:g} s"})
 
     def prepare(self, job: Job) -> float:
         return self.ask("prepare", dataclasses.asdict(job))["first"]

@@ -110,6 +110,7 @@ def jaxobs_tune(monkeypatch, capsys, tmp_path):
     return run
 
 
+@pytest.mark.slow
 def test_one_case_all_the_way(jaxobs_tune, config, tmp_path):
     """The numbers in the JSON are those of the files, of the certificates and of a run of the same study by hand."""
     out = tmp_path / "all"

@@ -44,7 +44,11 @@ class Subject:
         return jax.tree.unflatten(structure, [*leaves[:i], leaf, *leaves[i + 1 :]])
 
 
-@pytest.fixture(scope="module", params=CASES)
+# Further ways to build a class that has a case already: in the long run.
+LABELS = [pytest.param(label, marks=pytest.mark.slow) if " " in label else label for label in CASES]
+
+
+@pytest.fixture(scope="module", params=LABELS)
 def subject(request):
     return Subject(request.param)
 
