@@ -10,7 +10,7 @@ from cases import CASES, build
 
 from jaxobs import designs, observers, plants, structure
 from jaxobs.intervals import Interval
-from jaxobs.plants import from_function, from_step_function
+from jaxobs.plants import FlowFunction, from_function, from_step_function
 from jaxobs.structure import text
 from jaxobs.structure.algebra import adjugate, determinant, enclosed_inverse, sign_on, vanishes
 
@@ -52,6 +52,11 @@ def switched(x, u):
 def looped(x, u):
     """A while loop: neither formulas nor intervals follow it."""
     return [x[1], jax.lax.while_loop(lambda s: s[0] < 3.0, lambda s: (s[0] + 1.0, s[1] / 2), (x[0], x[1]))[1]]
+
+
+class SortedInTime(FlowFunction):
+    def flow(self, t, x, u):
+        return super().flow(t, x, u) + jnp.sin(t)
 
 
 def sorted_up(x, u):
@@ -177,7 +182,13 @@ def test_intervals_take_over_where_there_is_no_formula():
         ["*", "*"],
     ]  # a sorted list switches: nothing is claimed of what stands beside it
     assert found.linear is None
-    assert found.parts == {}
+    assert found.parts == {"lipschitz": ((0, 1), (0,), ())}  # B = I: all of f may be nonlinear
+    assert found.jumps
+    assert "Other coordinates may help" in str(found)
+    assert not any("depends on t:" in why for why in found.why.values())
+    moved = structure.forms(SortedInTime(sorted_up, first, n=2))
+    assert "Other coordinates" not in str(moved)
+    assert all("depends on t:" in moved.why[name] for name in ("chain", "triangular", "lipschitz"))
 
 
 def test_designs_and_observers_that_are_named_exist():

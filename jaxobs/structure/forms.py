@@ -30,7 +30,7 @@ from jaxobs.plants import (
     TriangularOf,
 )
 from jaxobs.structure._box import Sides, box_of
-from jaxobs.structure.orders import NotThisForm, blocks_of, chain_order, lipschitz_parts, triangular_order
+from jaxobs.structure.orders import TIMED, NotThisForm, blocks_of, chain_order, lipschitz_parts, triangular_order
 from jaxobs.structure.pattern import Pattern, exact, patterns
 from jaxobs.structure.text import describe
 
@@ -171,7 +171,7 @@ def _linear(flow: Pattern, output: Pattern) -> tuple[np.ndarray, ...]:
         known = flow.support[tuple(bad[0])]
         raise NotThisForm(f"{_entry(bad[0], n, m)} is {'not constant' if known else 'a constant that is no fraction'}")
     if flow.timed:
-        raise NotThisForm("f depends on t")
+        raise NotThisForm(TIMED)
     if not np.all(flow.at_zero):
         raise NotThisForm(f"x{int(np.argmin(flow.at_zero)) + 1}' has a constant part")
     if not output.linear:
@@ -184,7 +184,7 @@ def _state_affine(flow: Pattern, output: Pattern) -> tuple[()]:
     if len(bad):
         raise NotThisForm(f"{_entry(bad[0], flow.n, flow.m)} depends on the state")
     if flow.timed:
-        raise NotThisForm("f depends on t: let the time enter as an input")
+        raise NotThisForm(TIMED)
     if not output.linear:
         raise NotThisForm("y is not C x")
     return ()

@@ -84,13 +84,17 @@ class NormalSlopes:
     def __str__(self) -> str:
         what = "phi" if isinstance(self.form, NormalChain) else "g"
         size = f"{self.constant:.6g} for x from {self.states}" + (f", u from {self.inputs}" if self.form.m else "")
-        how = {"proved": "proved by interval arithmetic", "sampled": f"the largest of {SAMPLES} samples, not a bound"}
-        said = f"In normal coordinates {what} has the Lipschitz constant {size}: {how[self.gradient]}, "
-        said += (
-            "for any two states of the box." if self.pairs else
-            "as a bound on the gradient; between two states it holds where the segment that joins them in z is the image of a "
-            "path in the box from one to the other, which asks for more than rank where Phi is not one to one."
-        )  # fmt: skip
+        if self.pairs:
+            said = f"In normal coordinates {what} has the Lipschitz constant {size}, for any two states of the box: "
+            said += "proved by interval arithmetic."
+        elif self.gradient == "proved":
+            said = (
+                f"In normal coordinates the gradient of {what} is at most {size}, proved by interval arithmetic. It is a "
+                "Lipschitz constant between two states where the segment that joins them in z is the image of a path in the "
+                "box from one to the other, which asks for more than rank where Phi is not one to one."
+            )
+        else:
+            said = f"In normal coordinates the gradient of {what} reaches {size}: the most of {SAMPLES} samples, no bound."
         return "\n".join(textwrap.wrap(said, 110))
 
 

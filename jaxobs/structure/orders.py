@@ -4,6 +4,8 @@ import numpy as np
 
 from jaxobs.structure.pattern import Pattern
 
+TIMED = "f depends on t: let the time enter as an input"
+
 
 class NotThisForm(Exception):
     """Why a plant does not have a form."""
@@ -100,7 +102,7 @@ def _start(flow: Pattern, output: Pattern) -> list[int]:
 
 def _require_untimed(flow: Pattern) -> None:
     if flow.timed:
-        raise NotThisForm("f depends on t: let the time enter as an input")
+        raise NotThisForm(TIMED)
 
 
 def _names(states: list[int]) -> str:

@@ -14,6 +14,7 @@ from jaxobs.intervals import graph as graphs
 from jaxobs.intervals.graph_slopes import slopes
 from jaxobs.intervals.interval import point
 from jaxobs.plants import AbstractFlowPlant, AbstractPlant, AbstractStepPlant
+from jaxobs.plants._depends import timed
 
 Function = Callable[[Any, Any], Any]
 ROUNDING = 1e-12  # relative width of an enclosure that is one number, known up to rounding
@@ -91,7 +92,17 @@ def patterns(plant: AbstractPlant) -> tuple[Pattern, Pattern]:
         assert isinstance(own, AbstractFlowPlant)
         return own.flow(w[-1], x, w[:-1])
 
-    return pattern(move, plant.n, plant.m), pattern(lambda x, w: own.h(x, w[:-1]), plant.n, plant.m)
+    found = pattern(move, plant.n, plant.m), pattern(lambda x, w: own.h(x, w[:-1]), plant.n, plant.m)
+    return found if timed(own) else (_untimed(found[0]), _untimed(found[1]))
+
+
+def _untimed(found: Pattern) -> Pattern:
+    """The same for a function that makes no use of t, which enclosures of its jumps do not tell."""
+    constants, support = found.constants.copy(), found.support.copy()
+    constants[:, -1], support[:, -1] = 0.0, NOTHING
+    for place in np.ndindex(support.shape):
+        support[place] -= {found.n + found.m}
+    return dataclasses.replace(found, constants=constants, support=support)
 
 
 def pattern(g: Function, n: int, m: int) -> Pattern:

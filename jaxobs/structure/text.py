@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from jaxobs.structure.orders import TIMED
+
 WIDTH = 110
 DESIGNS = {  # a form, and the designs (of jaxobs.designs) and observers (of jaxobs.observers) that ask for it
     "chain": ("riccati, s_lemma, high_gain_lmi, standard_high_gain, ladder, euler_riccati", "HighGain, IntegralHighGain"),
@@ -102,8 +104,7 @@ def _advice(found: Any, present: list[str], step: bool) -> list[str]:
     said = "Designs that need no form: lpv_lmi and synthesize, with bounds on df/dx over a box from lpv_from"
     said += "." if all(k in ("0", "1", "c") for k in found.output.flat) else ", which asks for an output that is linear in x."
     lines = _wrapped(said)
-    timed = any("depends on t" in why for why in found.why.values())
-    if found.plant.p == 1 and not timed and not {"chain", "triangular"} & set(present):
+    if found.plant.p == 1 and TIMED not in found.why.values() and not {"chain", "triangular"} & set(present):
         said = (
             "Other coordinates may help: jaxobs.structure.observability says where h and its derivatives along the flow tell "
             "the state, and jaxobs.structure.normal_form uses them as coordinates, in which it may be a chain or triangular."
