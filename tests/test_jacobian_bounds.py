@@ -144,6 +144,18 @@ def test_jumps_and_poles_are_assumptions():
     assert np.isfinite(removable.upper).all()
 
 
+def test_where_no_halving_gives_a_bound_is_soon_given_up():
+    """At a knot of a table its slope has two places, which intervals take apart, however small the box."""
+    knots = jnp.linspace(-2.0, 2.0, 5)
+
+    def table(x):
+        return x[1] - jnp.interp(x[0], knots, jnp.sin(knots))
+
+    found = ranges(lambda x: jax.jacfwd(table)(x)[:1], box([-1.5, -1.0], [1.5, 1.0]))
+    assert (found.lower, found.upper) == (-INF, INF)
+    assert found.boxes < 1000
+
+
 def test_an_entry_that_nothing_bounds_is_infinite_and_known_to_be():
     found = jacobian_bounds(lambda x: jnp.stack([x[0] ** 3, jnp.tanh(x[0])]), ([-INF], [INF]))
     assert (found.lower[0, 0], found.upper[0, 0], found.inner_upper[0, 0]) == (0.0, INF, INF)

@@ -109,10 +109,10 @@ def way_of(owner: str, channels: str) -> Any:
     return WAYS[channels]
 
 
-def derivative(made: System, n: int, t: np.ndarray | None = None) -> graph.Formulas:
-    """The exact formulas of df/dx at x = t z, in the variables z and w; t = I if not given."""
+def derivative(made: System, n: int, t: np.ndarray | None = None, name: str = "f") -> graph.Formulas:
+    """The exact formulas of df/dx at x = t z, in the variables z and w; t = I if not given. name: what errors call f."""
     m, own = len(made.lower), t is None or np.array_equal(t, np.eye(n))
-    require_derivatives("lpv_from", made.f, n, m)
+    require_derivatives("lpv_from", made.f, n, m, name=name)
 
     def slopes(z, w):
         return jax.jacfwd(made.f)(z if own else jnp.asarray(t, z.dtype) @ z, w)
@@ -172,7 +172,7 @@ def _output(made: System, given: Any, n: int) -> np.ndarray:
     if made.h is None:
         raise refuse("lpv_from", "C", "None, with a function f", "a matrix (p, n)", "A function knows no output.")
     h = made.h
-    slopes = derivative(dataclasses.replace(made, f=h), n)
+    slopes = derivative(dataclasses.replace(made, f=h), n, name="h")
     if taken := assumptions(lambda z: h(z[:n], z[n:]), whole((n + len(made.lower),))):
         given = f"an output that is not smooth; {'; '.join(taken)}"
         fix = "A sensor that rounds or switches has no slope: give C and count its steps as noise."

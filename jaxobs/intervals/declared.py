@@ -18,17 +18,17 @@ PARTS = ("relu", "relu6", "logit")
 SHIFTED = ("logsumexp", "log_softmax", "_softmax", "_softmax_deprecated")  # by a largest entry, on which they do not depend
 
 
-def require_derivatives(owner: str, f: Callable[..., Any], *sizes: int) -> None:
+def require_derivatives(owner: str, f: Callable[..., Any], *sizes: int, name: str = "f") -> None:
     """ValueError if f, of vectors of these sizes, has declared derivatives: custom_jvp, custom_vjp or stop_gradient, at any
-    depth, other than those in functions of JAX and of this package, which are true.
+    depth, other than those in functions of JAX and of this package, which are true. name: what f is called in it.
 
     Bounds on slopes would be about what is declared, and a proof that rests on them be none.
     """
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
         closed = jax.make_jaxpr(f)(*(jax.ShapeDtypeStruct((size,), np.float64) for size in sizes))
-    for name, place in declared(closed.jaxpr):
+    for rule, place in declared(closed.jaxpr):
         fix = "Write the function out, so that its derivative is that of its formulas."
-        raise refuse(owner, "f", f"a function with {name} ({place})", "one without declared derivatives", fix)
+        raise refuse(owner, name, f"a function with {rule} ({place})", "one without declared derivatives", fix)
 
 
 def declared(jaxpr: Any) -> Iterator[tuple[str, str]]:

@@ -13,7 +13,9 @@ import numpy as np
 BATCH = 32  # boxes that one search halves at a time
 COLLAPSES = 2  # times that a box, one of whose faces suffices, is evaluated again before it is halved
 Pair = tuple[np.ndarray, np.ndarray]
+FEW = 4  # the same while nothing bounds g: where it is given up is soon found in depth, and late in breadth
 ENDLESS = 1e16  # a value beyond this, and no bound: the search for a bound is given up
+TINY = 2.0**-30  # of the box in every direction (of 1 where it is endless), and no bound: the same
 
 
 class Enclosure(NamedTuple):
@@ -55,9 +57,12 @@ class Supremum:
 
             g <= min(natural extension, g(m) + sum_k G_k (Z_k - m_k)),     G enclosing the gradient, m the midpoint,
 
-        are halved until outer - inner <= rtol size, or no boxes are left. Where G_k keeps its sign, the face on which
-        g is largest replaces the box.
+        are halved until outer - inner <= rtol size, or no boxes are left; of those with none the smallest first, until one of
+        them is tiny. Where G_k keeps its sign, the face on which g is largest replaces the box.
         """
+        with np.errstate(over="ignore"):
+            width = np.max(upper - lower, axis=0)
+        tiny = TINY * np.where(np.isfinite(width), width, 1.0)
         fixed, parent = -np.inf, np.array([np.inf])
         queue, fresh = Boxes(lower[:0], lower[:0], np.empty(0), np.empty(0, int)), (lower, upper)
         while True:
@@ -67,13 +72,17 @@ class Supremum:
             queue = Boxes(*(np.concatenate(parts) for parts in zip(queue, found.at(~points), strict=True)))
             queue = queue.at(queue.bound > self.inner)
             self.outer = max(self.inner, fixed, float(np.max(queue.bound, initial=-np.inf)))
-            endless = self.outer == np.inf and self.inner > ENDLESS
+            with np.errstate(over="ignore"):
+                size = np.max(queue.upper - queue.lower - tiny, axis=1, initial=-np.inf)
+            without = queue.bound == np.inf
+            endless = self.outer == np.inf and (self.inner > ENDLESS or np.any(without & (size <= 0)))
             if self.outer == self.inner or endless or not queue.bound.size or self.left[0] <= 0:
                 return
             if self.outer - self.inner <= rtol * self.size[0]:
                 return
-            order = np.argsort(-queue.bound, kind="stable")
-            taken, queue = queue.at(order[:BATCH]), queue.at(order[BATCH:])
+            order = np.lexsort((np.where(without, size, 0.0), -queue.bound))
+            count = FEW if without.any() else BATCH
+            taken, queue = queue.at(order[:count]), queue.at(order[count:])
             fresh, parent = _halved(taken), np.concatenate([taken.bound, taken.bound])
 
     def _evaluated(self, lower: np.ndarray, upper: np.ndarray, parent: np.ndarray) -> Generator[Pair, Enclosure, Boxes]:

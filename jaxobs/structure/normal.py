@@ -116,7 +116,7 @@ def normal_slopes(form: NormalChain | NormalTriangular, *, states: Any, inputs: 
     u_box = box_of("normal_slopes", "inputs", zero if inputs is None else inputs, m, finite=True)
     own, chain = exact(form), isinstance(form, NormalChain)
     require_derivatives("normal_slopes", lambda x, u: own.plant.flow(jnp.zeros((), x.dtype), x, u), n, m)
-    require_derivatives("normal_slopes", own.plant.h, n, m)
+    require_derivatives("normal_slopes", own.plant.h, n, m, name="h")
     rows = [n - 1] if chain else list(range(n))
     mask = np.zeros((n, n), bool)
     mask[rows] = True if chain else np.tril(np.ones((n, n), bool))

@@ -132,7 +132,7 @@ def observability(
     with jax.enable_x64(True):
         require_timeless("observability", own)
         require_derivatives("observability", lambda x, u: own.flow(jnp.zeros(()), x, u), n, plant.m)
-        require_derivatives("observability", own.h, n, plant.m)
+        require_derivatives("observability", own.h, n, plant.m, name="h")
     zero = (np.zeros(plant.m), np.zeros(plant.m))
     u_box = box_of("observability", "inputs", zero if inputs is None else inputs, plant.m, finite=True)
     with jax.enable_x64(True):
