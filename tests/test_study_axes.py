@@ -68,6 +68,15 @@ def test_variants_are_the_full_grid_of_their_axes():
     assert [dict(group.label) for group in found] == [{"q": q, "kind": kind} for q, kind in made]
 
 
+def test_coordinates_are_the_shortest_decimals():
+    rng = np.random.default_rng(0)
+    sizes = 10.0 ** rng.uniform(-12, 12, 20_000)
+    values = np.concatenate([sizes, -sizes, 2.0 ** np.arange(-120, 120), [0.1, 0.0, 1e9, 1e-9, np.inf, np.nan]])
+    single = values.astype(np.float32).reshape(2, -1)
+    np.testing.assert_array_equal(decimal(single), single.astype(str).astype(float))
+    assert decimal(values) is values
+
+
 def test_coordinates_in_float32_can_be_selected_as_they_were_typed():
     values = np.asarray([0.1, 2.5, 1e-20, np.inf], np.float32)
     assert decimal(values).tolist() == [0.1, 2.5, 1e-20, np.inf]

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from jaxobs._loop import Grid
 from jaxobs._module import Module, Numbers, key_axes, refuse, require_integer, static
-from jaxobs._motion import Motion, World
+from jaxobs._motion import World
 from jaxobs.integrators import AbstractIntegrator
 from jaxobs.metrics import AbstractMetric
 from jaxobs.studies.family import Family
@@ -117,11 +117,6 @@ class Group:
     def n(self) -> int:
         return self.world.x0.shape[-1]
 
-    def motion(self, world: Members, index: Any) -> tuple[Motion, Array, Array, Any]:
-        """What moves in the lane of this index, one number for each axis, then its x0, xhat0 and key."""
-        around, observer, x0, xhat0, key = world.at(index)
-        return Motion(around, observer, self.hold_innovation, world.metrics), x0, xhat0, key
-
 
 RESERVED = ("observer", "state", "output", "lag", "time", "seed", "x0", "xhat0", "x", "xhat", "diverged_at")
 
@@ -151,4 +146,18 @@ def lane_axes(world: Members, taken: tuple[str, ...]) -> tuple[Axis, ...]:
 def decimal(values: Numbers) -> np.ndarray:
     """In float64, the shortest decimals that are these numbers: 0.1 for the float32 next to 0.1, so that it can be selected."""
     array = np.asarray(values)
-    return array if array.dtype == np.float64 else array.astype(str).astype(np.float64)
+    if array.dtype != np.float32:
+        return array if array.dtype == np.float64 else array.astype(str).astype(np.float64)
+    exact = array.astype(np.float64)
+    common = (np.abs(exact) > 1e-9) & (np.abs(exact) < 1e9)  # where the powers of ten below are exact
+    found, left = exact.copy(), np.flatnonzero(common)
+    found[~common] = array[~common].astype(str).astype(np.float64)
+    for digits in range(6, 10):
+        x = exact.flat[left]
+        place = digits - 1 - np.floor(np.log10(np.abs(x)))
+        ten = 10.0 ** np.abs(place)
+        tried = np.where(place > 0, np.rint(x * ten) / ten, np.rint(x / ten) * ten)
+        same = tried.astype(np.float32) == array.flat[left]
+        found.flat[left[same]] = tried[same]
+        left = left[~same]
+    return found

@@ -1,6 +1,7 @@
 """What a study computes for each lane: the names, axes, sizes and units of its variables."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -12,6 +13,7 @@ import numpy as np
 
 from jaxobs._loop import results
 from jaxobs._module import refuse
+from jaxobs._motion import Motion
 from jaxobs.metrics import AbstractMetric
 from jaxobs.noise import BLOCK
 from jaxobs.studies.axes import Group
@@ -43,16 +45,9 @@ class Lane(NamedTuple):
 
 def lane_of(group: Group) -> Lane:
     """Found from shapes alone; nothing is computed. The bytes are rather too many than too few."""
-
-    def lane(world: Any, grid: Any) -> tuple[Any, Any]:
-        motion, x0, xhat0, key = group.motion(world, tuple(jnp.zeros((), jnp.int32) for _ in group.shape))
-        drawn = jax.tree.map(lambda path: path[0], motion.draw(motion.streams(key), grid.ts[:1]))
-        first = motion.sample(x0, (jnp.zeros((), jnp.int32), grid.ts[0], grid.dts[0]), drawn)
-        carry, cache = motion.start(x0, xhat0, first, grid.spacing)
-        fixed = eqx.filter((cache, motion.world, motion.observer), eqx.is_array)
-        return (carry, fixed, drawn), results(carry, world.metrics)
-
-    (carry, fixed, drawn), found = eqx.filter_eval_shape(lane, group.world, group.grid)
+    arrays, rest = eqx.partition((group.world, group.grid), eqx.is_array)
+    leaves, structure = jax.tree.flatten(rest)
+    carry, fixed, drawn, found = _lane.eval_shape(arrays, tuple(leaves), structure, group.hold_innovation)
     outputs = flat_names(found)
     if group.save is not None:
         path = jax.ShapeDtypeStruct((slots(len(group.ts), group.save), group.n), group.dtype)
@@ -61,6 +56,19 @@ def lane_of(group: Group) -> Lane:
     samples = min(BLOCK, len(group.ts)) if all(source.memoryless for source in sources) else len(group.ts)
     each = 3 * _bytes(outputs) + 16 + 16 * len(group.shape)  # on the device, on the host, in the data set; lane numbers
     return Lane(outputs, each, 2 * _bytes(outputs) + 3 * _bytes(carry) + _bytes(fixed) + 3 * samples * _bytes(drawn))
+
+
+@functools.partial(jax.jit, static_argnums=(1, 2, 3))  # never run: it remembers the shapes of what it has traced
+def _lane(arrays: Any, leaves: tuple[Any, ...], structure: Any, hold_innovation: bool) -> tuple[Any, ...]:
+    """State, what does not change, one sample of noise and disturbance, results."""
+    world, grid = eqx.combine(arrays, jax.tree.unflatten(structure, leaves))
+    around, observer, x0, xhat0, key = world.at(tuple(jnp.zeros((), jnp.int32) for _ in world.shape))
+    motion = Motion(around, observer, hold_innovation, world.metrics)
+    drawn = jax.tree.map(lambda path: path[0], motion.draw(motion.streams(key), grid.ts[:1]))
+    first = motion.sample(x0, (jnp.zeros((), jnp.int32), grid.ts[0], grid.dts[0]), drawn)
+    carry, cache = motion.start(x0, xhat0, first, grid.spacing)
+    fixed = eqx.filter((cache, motion.world, motion.observer), eqx.is_array)
+    return carry, fixed, drawn, results(carry, world.metrics)
 
 
 def _bytes(tree: Any) -> int:
