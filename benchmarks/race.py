@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from _c import DTYPES, NoCompiler, Reference, build, inspect
 from _contenders import CONTENDERS, CORES, Contender, Entry, Failed, compare
-from _job import SIGMA, Job
+from _job import SIGMA, STUDIES, Job
 from _verify import verify
 
 SHORTEST = 0.2  # [s] a run is repeated until it takes that long
@@ -194,7 +194,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--workload", choices=list(TRIGONOMETRIC), default="pendulum")
     parser.add_argument("--lanes", type=int, nargs="+", default=[4096, 65536], help="multiples of 64")
-    parser.add_argument("--steps", type=int, default=1000)
+    parser.add_argument("--steps", type=int, help="1000, but for the chain (see _job.py)")
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--precision", nargs="+", choices=list(DTYPES), help="both, but for the chain (see _job.py)")
     parser.add_argument("--sigma", type=float, nargs="+", default=[0.0, SIGMA], help="of the noise; 0: none")
@@ -204,6 +204,7 @@ def main() -> int:
     options = parser.parse_args()
     if options.precision is None:
         options.precision = ["float64"] if options.workload == "chain" else list(DTYPES)
+    options.steps = options.steps or STUDIES[options.workload].steps
     if options.quick:
         options.lanes, options.steps, options.rounds = [4096], 200, 3
     rows, shown, wrong = race(options)
