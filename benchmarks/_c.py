@@ -35,8 +35,8 @@ class NoCompiler(Exception):
 def build(folder: Path, precision: str, variant: str = "vector", workload: str = "pendulum", march: str = "native") -> Path:
     """The shared library of one workload, compiled into `folder` for the processor `march`."""
     compiler = os.environ.get("CC") or next(filter(shutil.which, ("gcc", "cc")), None)
-    if compiler is None:
-        raise NoCompiler("no C compiler on the path: install gcc, or name one in CC")
+    if compiler is None or shutil.which(compiler.split()[0]) is None:
+        raise NoCompiler(f"no C compiler on the path ({compiler or 'gcc, cc'}): install gcc, or name one in CC")
     path = folder / f"{workload}-{precision}-{variant}.so"
     double = ("-DDOUBLE",) if precision == "float64" else ()
     libraries = ("-lmvec", "-lm") if variant == "libm" else ("-lm",)
