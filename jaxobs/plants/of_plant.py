@@ -29,11 +29,10 @@ POINT = 0.7182818  # the point of a check: (POINT, POINT / 2, ...), where few ex
 FIX = "jaxobs.structure.forms(plant) says which forms a plant has."
 
 
-class AbstractReordered(Module):
-    """n, m of a plant whose states are taken in another order: a mixin, before the form among the bases."""
+class AbstractRead(Module):
+    """n, m of the plant that is read as a form: a mixin, before the form among the bases."""
 
     plant: AbstractFlowPlant
-    order: tuple[int, ...]
 
     @property
     def n(self):
@@ -42,6 +41,12 @@ class AbstractReordered(Module):
     @property
     def m(self):
         return self.plant.m
+
+
+class AbstractReordered(AbstractRead):
+    """The same with the states in another order."""
+
+    order: tuple[int, ...]
 
     def to_normal(self, x: Float[Array, " n"]) -> Float[Array, " n"]:
         """The form's states of those of the plant."""
@@ -110,21 +115,11 @@ class BlockTriangularOf(AbstractReordered, AbstractBlockTriangular):
         return jnp.concatenate(parts)
 
 
-class StateAffineOf(AbstractStateAffine):
+class StateAffineOf(AbstractRead, AbstractStateAffine):
     """x' = A(u) x + b(u), y = C x: a plant that is affine in its state."""
-
-    plant: AbstractFlowPlant
 
     def __check_init__(self):
         _require(self)
-
-    @property
-    def n(self):
-        return self.plant.n
-
-    @property
-    def m(self):
-        return self.plant.m
 
     @property
     def p(self):
@@ -141,7 +136,7 @@ class StateAffineOf(AbstractStateAffine):
         return output_matrix(self.plant)
 
 
-class LipschitzOf(AbstractLipschitz):
+class LipschitzOf(AbstractRead, AbstractLipschitz):
     """x' = A x + B f(x) + g(y, u), y = C x: a plant whose inputs meet measured states only.
 
     rows: the components of the flow that are nonlinear in a state which is not measured; f holds these, without their linear
@@ -150,21 +145,12 @@ class LipschitzOf(AbstractLipschitz):
     entries of df/dx that are not in g; entries: which these are, (row, column).
     """
 
-    plant: AbstractFlowPlant
     rows: tuple[int, ...] = static()
     measured: tuple[int, ...] = static()
     entries: tuple[tuple[int, int], ...] = static()
 
     def __check_init__(self):
         _require(self)
-
-    @property
-    def n(self):
-        return self.plant.n
-
-    @property
-    def m(self):
-        return self.plant.m
 
     @property
     def p(self):
