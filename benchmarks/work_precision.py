@@ -4,7 +4,8 @@ The pendulum without noise, with noise held over 0.1, and the stiff chain: high-
 error of a method is that of the root mean square estimation errors it reports, relative, the worst over states and over the
 lanes that have a reference: scipy's DOP853, from sample to sample, with an absolute tolerance that grows with the gain as the
 estimates do. Those of the stiff chain peak and turn their sines as fast, which a tolerance far below 1e-10 begins to follow:
-there it is run at 1e-10, on the pendulum at 1e-13; how far ten times that moves the reference is printed. All methods in float64, in one interleaved run; an adaptive method under vmap costs every lane its slowest one. scipy runs a few
+there it is run at 1e-10, on the pendulum at 1e-13; how far ten times that moves the reference is printed.
+All methods in float64, in one interleaved run; an adaptive method under vmap costs every lane its slowest one. scipy runs a few
 lanes, one after the other.
 Run: python benchmarks/work_precision.py [--figure FILE] [--json FILE] [--quick]
 """
